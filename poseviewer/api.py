@@ -97,29 +97,26 @@ def load(
     Raises:
         PoseViewerError: a file cannot be used, or the settings do not go with it.
     """
-    settings = _with_changes(settings or FitSettings(), changes)
+    if unknown := sorted(set(changes) - set(FitSettings.__slots__)):
+        known = ", ".join(FitSettings.__slots__)
+        raise SettingsError(f"there is no setting {unknown[0]!r}; there are {known}")
+    settings = replace(settings or FitSettings(), **changes)
     start = AutoStart() if start == AUTOMATIC else start
-    if not isinstance(photo, LoadedViews) and model is None and start is None:
+    path = None if isinstance(photo, LoadedViews) else Path(photo)
+    if path is not None and model is None and start is None:
         _refuse("a scene file", choice=choice, calibration=calibration, mask=mask)
-        scene = open_scene_files(photo, settings)
+        scene = open_scene_files(path, settings)
     elif model is None or start is None:
         raise SettingsError("wanted a photo, or several, with a model and a start; or a scene.")
-    elif isinstance(photo, LoadedViews) or choice is not None or _is_set(Path(photo)):
+    elif choice or path is None or path.suffix.lower() == ".json" or path.is_dir():
         _refuse("a set of photos", calibration=calibration, mask=mask)
         if callable(start):
             raise SettingsError("a start that is searched for with a set of photos; name a pose.")
         choice = choice or SetChoice()
         scene = open_views(photo, model, start, settings, choice.view, choice.scale, choice)
     else:
-        scene = open_photo_scene(photo, model, start, settings, calibration, mask)
+        scene = open_photo_scene(path, model, start, settings, calibration, mask)
     return make_registration(scene, renderer)
-
-
-def _with_changes(settings: FitSettings, changes: Mapping[str, Any]) -> FitSettings:
-    if unknown := sorted(set(changes) - set(FitSettings.__slots__)):
-        known = ", ".join(FitSettings.__slots__)
-        raise SettingsError(f"there is no setting {unknown[0]!r}; there are {known}")
-    return replace(settings, **changes)
 
 
 def _refuse(what: str, **given: object) -> None:
@@ -127,15 +124,11 @@ def _refuse(what: str, **given: object) -> None:
         raise SettingsError(f"{names[0]} with {what}; leave it out.")
 
 
-def _is_set(path: Path) -> bool:
-    return path.suffix.lower() == ".json" or path.is_dir()
-
-
 def make_registration(
     scene: Scene, renderer: Renderer | None = None, object_index: int | None = None
 ) -> Registration:
-    """Make the registration of one object, by default of the only one or of all; ``renderer``: that
-    of one of the meshes, to be used again.
+    """Make the registration of one object, by default of the only one or of all. A ``renderer`` of
+    one of the meshes is used again.
 
     Raises:
         PoseViewerError: the settings of the object do not go with the photos.
@@ -164,9 +157,9 @@ class PosedScene:
     renderers: Mapping[Mesh, Renderer]
     """Renderers for one thread at a time."""
     object_index: int | None = None
-    """Object that it is about; None: all."""
+    """Index of the object that it is about; None: all."""
     view_index: int = 0
-    """View whose chart is used."""
+    """Index of the view whose chart is used."""
     _problems: dict[int, FitProblem] = field(default_factory=dict, repr=False)
     data = property(attrgetter("scene"), doc="``scene``.")
     objects = property(attrgetter("scene.objects"), doc="``scene.objects``.")
@@ -182,7 +175,7 @@ class PosedScene:
         """Give the part about one object.
 
         Raises:
-            SettingsError: there is none of that id.
+            SettingsError: there is no object of that id.
         """
         return replace(self, object_index=self.scene.index(object_id))
 
@@ -219,12 +212,12 @@ class PosedScene:
 
     @property
     def progress(self) -> FitProgress | None:
-        """End of a search for the object; None: it was not searched for."""
+        """End of a search for the object; None: there was no search."""
         return None
 
     @property
     def problem(self) -> FitProblem:
-        """The problem of fitting the object, without what a search took for something in front.
+        """The problem of fitting the object, without pixels that a search took for occluders.
 
         Raises:
             PoseViewerError: the settings do not go with the photos, the model or the start.
@@ -238,7 +231,7 @@ class PosedScene:
 
     @property
     def parameters(self) -> FloatArray:
-        """(d,): the pose in the problem's chart; those of the search after one."""
+        """(d,): parameters of the pose in the problem's chart; after a search, those of its end."""
         if self.progress is not None:
             return self.progress.parameters
         problem, scale = self.problem, self.object.world_from_model.scale
@@ -247,25 +240,25 @@ class PosedScene:
 
     @property
     def loss(self) -> float:
-        """Loss that a search minimises, the mean over the views; may take an evaluation."""
+        """Loss that a search minimises, the mean over the views; evaluated unless a search did."""
         if self.progress is not None:
             return self.progress.loss
         return pose_loss(self.problem, self.renderer, self.parameters)
 
     @property
     def unexplained(self) -> float:
-        """Loss on the scale from 0, all of the photo is explained, to 1, nothing."""
+        """The loss as unexplained share of the photo, in [0, 1]; 0: all is explained."""
         return self.problem.scale.as_unexplained(self.loss)
 
     @property
     def parts(self) -> Unexplained:
-        """Shares that light, classes and edges leave unexplained; takes an evaluation."""
+        """Unexplained shares by lighting, classes and edges; takes an evaluation."""
         problem = self.problem
         return problem.scale.read(self.loss, self.renderer.moments(self.pose, problem.photo))
 
     @property
     def visibility(self) -> Visibility:
-        """Pixels of the chart's view that show each object, and how much of each is seen."""
+        """Pixels of the chart's view that show each object, and each object's visible fraction."""
         models = (self.scene.model_at(i, self.view_index) for i in range(len(self.objects)))
         return visibility([*models])
 
@@ -282,7 +275,6 @@ class PosedScene:
 
     @property
     def _with_loss(self) -> Scene:
-        """The scene with the loss, by an evaluation, of an object that was not searched for."""
         if self.object_index is None or self.object.result is not None:
             return self.scene
         start = FitProgress.at_start(self.problem)
@@ -291,8 +283,8 @@ class PosedScene:
         return self.scene.with_object(self._index, result=result)
 
     def save(self, path: str | Path) -> None:
-        """Write the pose file of one object in one view, else the scene file, and beside it the
-        masks of what counts; each whole or not at all.
+        """Write the pose file of one object in one view, or else the scene file, with masks beside
+        it; each file whole or not at all.
 
         Raises:
             PoseViewerError: the folder is missing or cannot be written to.
@@ -305,10 +297,12 @@ class PosedScene:
     def picture(
         self, look: str = "outline", *, opacity: float = SOLID_OPACITY, view: int | None = None
     ) -> Picture:
-        """Draw the objects over a photo (height, width, 3), RGB, by default that of the view whose
-        chart is used, in one of ``render.overlay.RENDER_STYLES``, without what others hide.
+        """Draw the visible pixels of the objects over a photo: (height, width, 3), RGB.
 
-        ``opacity`` is that of the look ``solid``, in [0, 1].
+        Args:
+            look: one of ``render.overlay.RENDER_STYLES``.
+            opacity: of the look ``solid``, in [0, 1].
+            view: index; default: the view whose chart is used.
 
         Raises:
             PoseViewerError: there is no such look; the settings do not go with an object.
@@ -326,11 +320,8 @@ class PosedScene:
 
     def _draw_over(self, picture: Picture, look: str, opacity: float, view: int) -> Picture:
         placed = self.scene.model_at(self._index, view)
-        others = [
-            self.scene.model_at(index, view)
-            for index, item in enumerate(self.objects)
-            if index != self._index and not item.hidden
-        ]
+        shown = (i for i, item in enumerate(self.objects) if i != self._index and not item.hidden)
+        others = [self.scene.model_at(index, view) for index in shown]
         in_front = make_occlusion(placed, others) if others else None
         if in_front is not None and in_front.is_total:
             return picture
@@ -340,8 +331,8 @@ class PosedScene:
             photo = next((each.photo for each in views if each.view_index == view), views[0].photo)
             return render_relit(photo, self.renderer, placed.pose, image)
 
-        shown = ModelInPhoto(picture, placed.mesh, self.renderer, placed.pose, relight, opacity)
-        drawn = draw_style(look, shown)
+        model = ModelInPhoto(picture, placed.mesh, self.renderer, placed.pose, relight, opacity)
+        drawn = draw_style(look, model)
         return drawn if in_front is None else np.where(in_front.occluded[..., None], picture, drawn)
 
     def draw(self, path: str | Path, look: str = "outline") -> tuple[Path, ...]:
@@ -431,7 +422,7 @@ class Registration(PosedScene):
             stages: makes pyramid levels and minimisers of a search, see ``fit.stages``.
 
         Raises:
-            PoseViewerError: the settings do not go with an object, or nothing of it is to be seen.
+            PoseViewerError: the settings do not go with an object, or no view shows it.
         """
         search = self._search(threads, stages, seconds=seconds, evaluations=evaluations)
         now: SearchProgress | None = None
@@ -444,7 +435,7 @@ class Registration(PosedScene):
                 raise
             now = search.stop(now)
         if now is None:
-            _ = self.object_index is None or self.problem  # says why it cannot be compared
+            _ = self.object_index is None or self.problem  # raises the reason
             raise SettingsError(
                 "no object of the scene is to be seen where it starts: bring them onto the photo."
             )
@@ -467,7 +458,7 @@ class FitResult(PosedScene):
 
     @property
     def progress(self) -> FitProgress | None:
-        """End of the search for the object; None: it was not searched for."""
+        """End of the search for the object; None: there was no search."""
         return self.progress_by_object.get(self._index)
 
     @property
@@ -481,12 +472,12 @@ class FitResult(PosedScene):
 
     @property
     def verdict(self) -> Verdict | None:
-        """Whether the pose is right, and why; None: the object was not searched for."""
+        """Whether the pose is right, and why; None: there was no search."""
         return None if self.progress is None else self.progress.verdict
 
     @property
     def covariance(self) -> PoseCovariance | None:
-        """Covariance of the pose, if it is right; None: it was not searched for, or is lost."""
+        """Covariance of the pose; None: there was no search, or the pose is lost."""
         return None if self.progress is None else self.progress.covariance
 
     @property
@@ -511,17 +502,17 @@ class FitResult(PosedScene):
 
     @property
     def hidden(self) -> NDArray[np.bool_] | None:
-        """(height, width): pixels taken for something in front of the object; None: none."""
+        """(height, width): pixels that the search took for occluders; None: none."""
         result = self.object.result
         return result.hidden[self.view_index] if result is not None and result.hidden else None
 
     @property
     def seen(self) -> float:
-        """Share of the object's pixels in the photo that count, as nothing else hides them."""
+        """Visible fraction of the object's pixels in the photo, in [0, 1]."""
         return visible_fraction(self.problem.photo, self.renderer, self.pose)
 
     @property
     def view_results(self) -> tuple[ViewResult, ...]:
-        """Result by each compared view alone; takes an evaluation for each."""
+        """Result by each compared view alone; takes an evaluation each."""
         about, end = (self.scene, self._index), self.progress
         return () if end is None else tuple(results_by_view(*about, end, self.renderer))

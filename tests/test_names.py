@@ -93,7 +93,7 @@ def test_constants_stand_on_lines_of_their_own():
 def parameters(function: Function) -> list[str]:
     own = function.args
     names = [one.arg for one in (*own.posonlyargs, *own.args, *own.kwonlyargs)]
-    return [name for name in names if name not in ("self", "cls")]
+    return [name for name in names if name not in ("self", "cls", "session")]
 
 
 def test_public_functions_of_many_parameters_describe_each():

@@ -1,6 +1,6 @@
-"""The app: one main loop that owns the session, hands work to the workers, and writes the page.
+"""The app: a main loop that owns the session, feeds the workers, and writes the page.
 
-Callbacks only post requests; workers only publish updates; the loop waits for nobody.
+Callbacks only post requests, and workers only publish edits.
 """
 
 import logging
@@ -40,14 +40,16 @@ from poseviewer.errors import PoseViewerError, sentence_of
 
 _log = logging.getLogger(__name__)
 
-IDLE_S, BUSY_S = 0.25, 0.03
-"""The loop looks for updates of search and maps at least this often."""
-INTERPRETER_SHARE_S = 0.001
-"""A thread that computes in Python lets others in after so long (Python's own: 5 ms)."""
+IDLE_S = 0.25
+"""Longest period of the loop."""
+BUSY_S = 0.03
+"""Longest period while a search or maps run, whose results the loop polls."""
+SWITCH_INTERVAL_S = 0.001
+"""Interval of thread switches, below Python's 5 ms, so that the page stays responsive."""
 
 
 class App:
-    """Everything that runs while the page is served."""
+    """Main loop, workers and page."""
 
     def __init__(
         self,
@@ -56,9 +58,9 @@ class App:
         state: Path,
         review: Reviewer | None = None,
     ) -> None:
-        sys.setswitchinterval(INTERPRETER_SHARE_S)
+        sys.setswitchinterval(SWITCH_INTERVAL_S)
         self._mailbox: Mailbox[Request] = Mailbox()
-        self.session = Session(document, anchor=document.scene, saved=document).opened
+        self.session = Session(document, anchor=document.scene, saved=document).with_first_proposals
         notify = self._mailbox.notify
         self._tasks = TaskQueue(notify, state)
         self._review = review
@@ -68,10 +70,10 @@ class App:
         self._searcher = searching()
         self._mapper = mapping()
         self._proposer = proposing(notify)
-        others = refining, picturing, reading, outlining, preparing
-        own = self._autosaver.job, self._drawer, self._proposer, self._searcher, self._mapper
-        own += () if review is None else (review.job,)
-        self._workers = (*own, *(job(notify) for job in others))
+        makers = refining, picturing, reading, outlining, preparing
+        workers = self._autosaver.job, self._drawer, self._proposer, self._searcher, self._mapper
+        workers += () if review is None else (review.job,)
+        self._workers = (*workers, *(make(notify) for make in makers))
         self._running, self._failed = True, False
         self._page.tell("Note", *document.scene.notes)
         if self._autosaver.offer is not None:
@@ -96,10 +98,10 @@ class App:
         self._mailbox.notify()
 
     def step(self) -> None:
-        """Take what has come, start what is wanted, show what is new."""
+        """Handle requests, run the workers, and show the session."""
         busy = self._searcher.busy or self._mapper.busy
         for request in newest_drags(self._mailbox.take(BUSY_S if busy else IDLE_S)):
-            with self._told():
+            with self._report_errors():
                 self._handle(request)
         try:
             self._work()
@@ -114,8 +116,8 @@ class App:
             self._failed = True
 
     @contextmanager
-    def _told(self) -> Iterator[None]:
-        """Tell errors: the session goes on, and nothing of the user's is lost."""
+    def _report_errors(self) -> Iterator[None]:
+        """Show errors on the page, and go on."""
         try:
             yield
         except Exception as error:  # noqa: BLE001 - the loop must not end
@@ -138,12 +140,12 @@ class App:
             case ShowHelp(client):
                 self._page.show_help(client)
             case ReviewRow() if self._review is not None:
-                self._tasks.add(self._review.requested(request))
+                self._tasks.add(self._review.make_task(request))
             case Restore(wanted):
-                kept = self._autosaver.take_offer(wanted)
+                autosave = self._autosaver.take_offer(wanted)
                 self._page.close_offer()
-                if wanted and kept is not None:
-                    self._tasks.add(restore(kept))
+                if wanted and autosave is not None:
+                    self._tasks.add(restore(autosave))
 
     def _edit(self, edit: Edit) -> None:
         self.session = update(self.session, edit)
@@ -153,9 +155,9 @@ class App:
             self._tasks.add(self._review.decide("accepted", goes_on=False))
             return
         self._page.close_question()
-        taken = self._autosaver.taken(self.session.document)
-        if taken is not None and on_taken == "ask":
-            self._page.ask_to_replace(taken)
+        existing = self._autosaver.file_to_replace(self.session.document)
+        if existing is not None and on_taken == "ask":
+            self._page.ask_to_replace(existing)
             return
         if on_taken == "leave":
             return
@@ -164,31 +166,31 @@ class App:
         self._edit(set_fields(saved=self.session.document))
 
     def _work(self) -> None:
-        """Take what the workers have found out, and let them begin what is asked for by now."""
-        with self._told():
+        """Take the workers' edits, and let them begin the session's requests."""
+        with self._report_errors():
             for result in self._tasks.take():
                 self._finish(result)
         ready = has_renderer(self.session.document.mesh)
         if ready is not (self.session.preparation is None):
             self._edit(preparation_advanced(None if ready else Preparation()))
         for worker in self._workers:
-            with self._told():
+            with self._report_errors():
                 for edit in worker.take():
                     self._edit(edit)
-        # By what the user waits for: a drag, what was asked for, a search, maps.
+        # By priority: a drag, tasks and proposals, a search, maps.
         self._tasks.follow(self.session)
-        awaited = self._tasks.busy or self._proposer.busy
-        self._searcher.hold(awaited)
-        self._mapper.hold(self._drawer.busy or awaited)
+        is_awaited = self._tasks.busy or self._proposer.busy
+        self._searcher.hold(is_awaited)
+        self._mapper.hold(self._drawer.busy or is_awaited)
         for worker in self._workers:
             worker.follow(self.session)
 
     def _finish(self, result: TaskResult) -> None:
-        """Take what a task has brought."""
+        """Take the result of a task."""
         self._page.working("")
         self._edit(forget_strokes())
         for edit in result.edits:
-            with self._told():
+            with self._report_errors():
                 self._edit(edit)
         self._page.tell("Note", *result.notes)
         self._page.send(result)

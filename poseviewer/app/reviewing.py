@@ -1,4 +1,4 @@
-"""The rows of a batch in the app, each an ordinary document; tasks do what is requested."""
+"""Review of a batch in the app: each row is opened as a document, and tasks do the work."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -22,49 +22,53 @@ from poseviewer.files.scene_json import as_saved, pose_json
 from poseviewer.render.renderers import RendererName
 
 MAX_NAMED = 3
-"""Rows that could not be opened and are named; the list marks all that failed."""
+"""Number of rows that are named if they cannot be opened."""
 
 
 class Reviewer:
-    """The queue of rows, and the reports on them."""
+    """Queue of rows, and tasks that open and judge them."""
 
     def __init__(self, folder: Path, renderer: RendererName | None = None) -> None:
-        """``renderer``: by default the batch's."""
+        """Load a batch's folder; default renderer: the batch's."""
         loaded = self.queue = r.load_queue(folder)
         batch = self.queue.batch.settings
         self.settings = replace(batch, keep_start=False, renderer=renderer or batch.renderer)
-        """Settings of each row; whether to keep to a start is here for a person to say."""
+        """Settings of each row; the person decides whether the start stays."""
         self.job: Worker[r.ReviewQueue, Edit] = Worker(
             "review report", lambda _: None if self.queue is loaded else self.queue, _report
         )
-        """Writes table and report after each word on a row."""
+        """Writes table and report after each decision or note."""
 
     def row_at(self, document: Document) -> int | None:
-        """The index of the row whose photo and object are at hand; None: they are no row's."""
-        here = [path and path.resolve() for path in (document.view.path, document.model.path)]
+        """Index of the row of a document's photo and model; None: they are no row's."""
+        files = [path and path.resolve() for path in (document.view.path, document.model.path)]
         for index, row in enumerate(self.queue.rows):
             job = row.job
-            if document.number == job.row:
+            if document.object_id == job.row:
                 paths = job.path(job.photo), job.path(job.model)
-                return index if here == [path.resolve() for path in paths] else None
+                return index if files == [path.resolve() for path in paths] else None
         return None
 
     def where(self, document: Document) -> str:
-        """The row's pose file, as it is shown; "": what is open is no row's."""
-        at = self.row_at(document)
-        return "" if at is None else self.queue.rows[at].result.pose or "a new file in poses/"
+        """Name of the row's pose file; "": the document is no row's."""
+        row = self.row_at(document)
+        return "" if row is None else self.queue.rows[row].result.pose or "a new file in poses/"
 
     def open_first(self) -> Document:
-        """Open the first row that can be opened; raises as ``_open_from``."""
+        """Open the first row that can be opened.
+
+        Raises:
+            BatchError: there is none.
+        """
         return self._open_from(0, 1)
 
     def close(self) -> None:
-        """Write table and report at a clean end."""
+        """End cleanly: write table and report."""
         self.job.close()
         save_summaries(self.queue.batch)
 
-    def requested(self, request: ReviewRow) -> QueuedTask:
-        """The task of a request."""
+    def make_task(self, request: ReviewRow) -> QueuedTask:
+        """Make the task of a request."""
         match request.what:
             case int(index):
                 return self.open_row(index)
@@ -75,14 +79,14 @@ class Reviewer:
 
     def open_row(self, index: int) -> QueuedTask:
         """Open a row of the batch."""
-        return _task(lambda now: self._going(now, index, 0))
+        return _task(lambda session: self._leave_for(session, index, 0))
 
     def step(self, by: int) -> QueuedTask:
         """Open the next row, or with -1 the one before."""
 
-        def run(now: Session) -> TaskResult:
-            at = self.row_at(now.document)
-            return self._going(now, by - 1 if at is None else at + by, by)
+        def run(session: Session) -> TaskResult:
+            row = self.row_at(session.document)
+            return self._leave_for(session, by - 1 if row is None else row + by, by)
 
         return _task(run)
 
@@ -98,49 +102,44 @@ class Reviewer:
     def decide(
         self, review: Literal["accepted", "rejected", ""], goes_on: bool = True
     ) -> QueuedTask:
-        """Keep a decision on the open row ("": none), and a pose that was corrected; go on."""
+        """Keep a decision on the open row ("": none) and a corrected pose, and open the next."""
 
-        def run(now: Session) -> TaskResult:
-            document = now.document
-            at = self.row_at(now.document)
-            done = tuple[Edit, ...]()
-            if at is None:
+        def run(session: Session) -> TaskResult:
+            document, edits = session.document, tuple[Edit, ...]()
+            row = self.row_at(document)
+            if row is None:
                 raise BatchError("What is open is no row's; press a row in the list to open it.")
-            if review == ACCEPTED and now.is_unsaved:
-                mask = document.scene.mask(document.active, document.at)
-                record = pose_json(as_saved(scene_to_save(now)), document.active, document.at)
+            if review == ACCEPTED and session.is_unsaved:
+                active, view_index = document.active, document.view_index
+                mask = document.scene.mask(active, view_index)
+                record = pose_json(as_saved(scene_to_save(session)), active, view_index)
                 picture = picture_of(document)
-                self.queue = r.save_corrected(self.queue, at, record, picture, mask)
-                done = (set_fields(saved=document),)
+                self.queue = r.save_corrected(self.queue, row, record, picture, mask)
+                edits = (set_fields(saved=document),)
             else:
-                _require_saved(now)
-                self.queue = r.decide(self.queue, at, review)
-            left = [i for i, row in enumerate(self.queue.rows) if i > at and not row.result.review]
+                _require_saved(session)
+                self.queue = r.decide(self.queue, row, review)
+            rows = enumerate(self.queue.rows)
+            left = [index for index, item in rows if index > row and not item.result.review]
             if not (goes_on and review and left):
-                return TaskResult(done)
+                return TaskResult(edits)
             try:
-                return self._opening(left[0], 1, *done)
+                return self._open_next(left[0], 1, *edits)
             except PoseViewerError as error:
-                return TaskResult(done, (str(error),))
+                return TaskResult(edits, (str(error),))
 
         return _task(run, draws=True)
 
-    def _going(self, now: Session, index: int, by: int) -> TaskResult:
-        """Leave the row that is open for another one; raises as ``_open_from``."""
-        _require_saved(now)
-        return self._opening(index, by)
+    def _leave_for(self, session: Session, index: int, by: int) -> TaskResult:
+        _require_saved(session)
+        return self._open_next(index, by)
 
-    def _opening(self, index: int, by: int, *done: Edit) -> TaskResult:
-        """Open a row after what is ``done``; raises as ``_open_from``."""
+    def _open_next(self, index: int, by: int, *edits: Edit) -> TaskResult:
         document = self._open_from(index, by)
-        return TaskResult((*done, open_document(document, is_first=True)), document.scene.notes)
+        return TaskResult((*edits, open_document(document, is_first=True)), document.scene.notes)
 
     def _open_from(self, index: int, by: int) -> Document:
-        """Open a row, or, where it cannot be opened, the next one in steps ``by``.
-
-        Raises:
-            BatchError: there is none.
-        """
+        """Open a row or, if that fails, the next one in steps ``by``."""
         rows, skipped = self.queue.rows, list[str]()
         for row in rows[index : None if by else index + 1 : by or 1] if index >= 0 else ():
             try:
@@ -153,7 +152,6 @@ class Reviewer:
         raise BatchError(" ".join(skipped[:MAX_NAMED]) or end)
 
     def _open(self, row: Row) -> Document:
-        """Photo, model and pose of a row."""
         job, queue = row.job, self.queue
         photo, model = job.path(job.photo), job.path(job.model)
         pose = queue.batch.folder / row.result.pose if row.result.pose else job.path(job.start)
@@ -162,10 +160,10 @@ class Reviewer:
         except PoseViewerError:
             if row.result.pose:
                 raise
-            # It failed for want of a start, maybe: a person can place the model.
+            # If only the start fails, a person can place the model.
             document = open_files(photo, model, None)
         settings = self.settings
-        document = document.with_own(region=settings.region)
+        document = document.with_in_view(region=settings.region)
         return document.with_object(settings=replace(settings, region=None), id=str(job.row))
 
 
@@ -179,6 +177,6 @@ def _report(queue: r.ReviewQueue) -> Iterator[Edit]:
 
 
 def _require_saved(session: Session) -> None:
-    """Raise where going on would lose a pose that is not saved."""
+    """Refuse to lose an unsaved pose."""
     if session.is_unsaved:
         raise BatchError("The pose is changed: accept it (A), save it (S) or take it back (Z).")

@@ -21,8 +21,10 @@ if TYPE_CHECKING:  # the server stands before the rest is imported
     from poseviewer.app.reviewing import Reviewer
     from poseviewer.app.state.document import Document
 
-M_MMAP_THRESHOLD, LARGE_BYTES = -3, 262_144
-"""Parameter of ``mallopt(3)``, and its bytes: larger blocks are the system's own."""
+M_MMAP_THRESHOLD = -3
+"""Parameter of ``mallopt(3)``: size from which a block is mapped on its own."""
+LARGE_BYTES = 262_144
+"""Value of that parameter."""
 
 
 def serve_app(
@@ -33,26 +35,26 @@ def serve_app(
     browser: bool,
     tell: Callable[[str], None],
 ) -> None:
-    """Serve the app until it is interrupted. The address is there before anything is read.
+    """Serve the app until it is interrupted; the address is told before files are read.
 
     Args:
-        open_first: opens what is shown first (in a review: its first row).
+        open_first: opens the first document, with the review if there is one.
         host: address to listen at.
-        port: port there; None: the first free one from 8080 on.
-        browser: whether a browser is opened.
+        port: to listen at; None: the first free one from 8080 on.
+        browser: whether to open the browser.
         tell: prints a line.
 
     Raises:
-        PoseViewerError: the address is taken, or what is to be opened cannot be used.
+        PoseViewerError: the address is taken, or the document cannot be opened.
     """
     try:
         state = state_folder()
-    except SettingsError as error:  # the work is more than its traces
+    except SettingsError as error:  # go on without autosave
         state = Path(tempfile.mkdtemp(prefix="poseviewer-"))
         atexit.register(shutil.rmtree, state, ignore_errors=True)
         tell(f"poseviewer: {error} Until then a crash would lose unsaved work.")
     return_freed_memory()
-    signals = list[int]()  # those that come while files are read
+    signals = list[int]()  # received while files are read
     for name in (signal.SIGINT, signal.SIGTERM):
         signal.signal(name, lambda number, _: signals.append(number))
     guarded = serve(host, port, "poseviewer", load_token(state))
@@ -76,7 +78,7 @@ def serve_app(
 
 
 def return_freed_memory() -> None:
-    """Have glibc give large blocks back to the system as soon as they are freed."""
+    """Make glibc return large blocks to the system as soon as they are freed."""
     if sys.platform.startswith("linux"):
         mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
         if mallopt is not None:

@@ -88,8 +88,7 @@ def _opening(options: Namespace) -> Callable[[], Document]:
             return open_scene(files.scene, without)
         if files.views is not None:
             choice = table.make(SetChoice, options)
-            chosen = choice, options.view, options.scale, without
-            return open_set(files.views, models[0], pose, *chosen)
+            return open_set(files.views, models[0], pose, choice, without)
         if files.photo is not None:
             chosen = calibration, options.mask, without, models[1:]
             return open_files(files.photo, models[0], pose, *chosen)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from poseviewer.api import load, make_registration
-from poseviewer.app.state.camera_change import with_camera
+from poseviewer.app.state.document import with_camera
 from poseviewer.evaluation.photos import demo_photo
 from poseviewer.evaluation.synthetic import photograph, random_lighting
 from poseviewer.files.demo import demo_case

@@ -1,17 +1,15 @@
-// The page's own part: the view of the photo (zoom, pan), and what the mouse and the keys do there.
-// Everything else on the page is viser's. Sent by client_script.py, which fills in CONFIG:
-// channel (uuid of the text field that takes reports), plane {depth, side} (world units), steps
-// (labels of the left panel's tabs), first (the one that is open at first), keys (by event.code or
-// event.key: call, a function of this page, else it is reported; label, of its button; opens,
-// whether it opens its step, "forward" only from an earlier one, or "always"; leave, whether the
-// browser has it while ctrl is held), largest and most (bytes and files of an upload), style, icon.
+// The page's script: zoom and pan of the photo, mouse, keys, files. Sent by client_script.py, which
+// fills in CONFIG: channel (uuid of the text field that takes reports), plane {depth, side} (of the
+// photo, world units), steps (labels of the left panel's tabs), first (the tab that opens first),
+// keys (by event.code or event.key: call, a function of this page, else the key is reported; label,
+// of its button; opens, whether it opens its step, "forward" only from an earlier one, or "always";
+// leave, whether the browser keeps it while ctrl is held), largest and most (bytes and files of an
+// upload), style, icon.
 //
-// viser's camera stays at the origin and looks along +z at the photo's plane; zoom and pan are
-// three.js view offsets, which cut a piece out of the picture and leave the registration alone.
-// Pointer and key events over the photo are taken before viser sees them, so that its own camera
-// controls cannot move.
-// The script comes again after a lost connection: the page is loaded anew, and says what it was
-// sending.
+// viser's camera stays at the origin and looks along +z at the photo's plane. Zoom and pan are view
+// offsets of three.js, which crop the picture and keep the registration. Events over the photo are
+// consumed before viser's camera controls see them.
+// After a lost connection viser sends the script again: the page reloads, and reports a cut upload.
 if (window.poseviewer) {
   const sending = document.querySelector(".mantine-Notification-root[id^='upload-']");
   if (sending) window.name = `cut off ${window.poseviewer.sent()}`;
@@ -26,13 +24,13 @@ const state = {
   size: [0, 0],
   large: -1, // index of the large photo in the strip
   pointer: null, // "drag", "draw" or "pan" while a button is down
-  anchor: [0, 0], // the photo's point that is panned with the pointer, px
-  sequence: Date.now(), // viser drops a report that equals the last one, of an earlier page too
-  sent: "", // the name of the set that was sent last
-  step: CONFIG.first, // to be opened as soon as it is there
-  frames: 0, // since the steps are there
+  anchor: [0, 0], // point of the photo, px, that follows the pointer in a pan
+  sequence: Date.now(), // makes reports differ: viser drops repeated ones, also of earlier pages
+  sent: "", // name of the last upload
+  step: CONFIG.first, // to be opened once its tab exists
+  frames: 0, // since the tabs exist
 };
-const SETTLED = 15; // frames in which viser lays the panels out
+const LAYOUT_FRAMES = 15; // in which viser lays out the panels
 const vm = () => window.__viserMutable;
 
 function send(message) {
@@ -45,12 +43,12 @@ function send(message) {
 }
 
 // --- the view -----------------------------------------------------------------------------------
-// CSS px per photo px: with the whole photo in the canvas, and as it is shown.
-const fitted = () => Math.min(state.size[0] / state.photo[0], state.size[1] / state.photo[1]);
-const scale = () => fitted() * state.zoom;
+// CSS px per photo px: with the whole photo in the canvas, and with the zoom.
+const fittedScale = () => Math.min(state.size[0] / state.photo[0], state.size[1] / state.photo[1]);
+const scale = () => fittedScale() * state.zoom;
 const unit = () => CONFIG.plane.side / Math.max(...state.photo); // world units per photo px
 
-// Where the photo's upper left corner lies on the canvas, CSS px.
+// Upper left corner of the photo on the canvas, CSS px.
 const corner = () =>
   state.size.map((side, i) => side / 2 - state.centre[i] * state.photo[i] * scale());
 
@@ -64,7 +62,7 @@ function applyView() {
   const [w, h] = [canvas?.clientWidth, canvas?.clientHeight];
   if (!camera || !w || !h) return;
   state.size = [w, h];
-  const k = fitted();
+  const k = fittedScale();
   const seen = (h / k) * unit(); // height of the plane that the whole view shows
   camera.fov = (2 * Math.atan(seen / 2 / CONFIG.plane.depth) * 180) / Math.PI;
   camera.aspect = w / h;
@@ -78,7 +76,7 @@ function applyView() {
   });
 }
 
-// Show a point of the photo at a place of the canvas.
+// Show a point of the photo at a point of the canvas.
 function showAt(point, ...spot) {
   const centre = state.size.map(
     (side, i) => (point[i] - (spot[i] - side / 2) / scale()) / state.photo[i]);
@@ -99,37 +97,37 @@ function showAll() {
 }
 
 // --- mouse --------------------------------------------------------------------------------------
-function place(event) {
+function canvasPoint(event) {
   const box = vm().canvas.getBoundingClientRect();
   return [event.clientX - box.left, event.clientY - box.top];
 }
 
-const overPhoto = (event) => event.target === vm()?.canvas;
+const isOverPhoto = (event) => event.target === vm()?.canvas;
 
-function taken(event) {
+function consume(event) {
   event.stopImmediatePropagation();
   event.preventDefault();
 }
 
 const ctrl = (event) => event.ctrlKey || event.metaKey;
 
-function at(event) {
-  const [x, y] = photoFromCanvas(...place(event));
+function pointerFields(event) {
+  const [x, y] = photoFromCanvas(...canvasPoint(event));
   return { x, y, zoom: scale(), shift: event.shiftKey, ctrl: ctrl(event) };
 }
 
 addEventListener("pointerdown", (event) => {
-  if (!overPhoto(event) || state.pointer) return;
-  taken(event);
+  if (!isOverPhoto(event) || state.pointer) return;
+  consume(event);
   document.activeElement?.blur();
   try { vm().canvas.setPointerCapture(event.pointerId); } catch (error) { /* a synthetic pointer */ }
-  state.anchor = photoFromCanvas(...place(event));
+  state.anchor = photoFromCanvas(...canvasPoint(event));
   if (event.button === 0 && pen.shape) {
     state.pointer = "draw";
     beginStroke(event);
   } else if (event.button === 0) {
     state.pointer = "drag";
-    send({ kind: "press", ...at(event) });
+    send({ kind: "press", ...pointerFields(event) });
   } else {
     state.pointer = "pan";
   }
@@ -138,52 +136,51 @@ addEventListener("pointerdown", (event) => {
 addEventListener("pointermove", (event) => {
   hover(event);
   if (!state.pointer) {
-    if (overPhoto(event)) event.stopImmediatePropagation();
+    if (isOverPhoto(event)) event.stopImmediatePropagation();
     return;
   }
-  taken(event);
-  if (state.pointer === "draw") { goOn(event); return; }
-  if (state.pointer === "pan") { showAt(state.anchor, ...place(event)); return; }
-  send({ kind: "drag", ...at(event) }); // browsers give one move a frame
+  consume(event);
+  if (state.pointer === "draw") { extendStroke(event); return; }
+  if (state.pointer === "pan") { showAt(state.anchor, ...canvasPoint(event)); return; }
+  send({ kind: "drag", ...pointerFields(event) }); // browsers give one move a frame
 }, true);
 
-function ended(event, kind) {
+function endGesture(event, kind) {
   if (!state.pointer) return;
-  taken(event);
+  consume(event);
   if (state.pointer === "drag") send({ kind });
-  if (state.pointer === "draw") lift(kind);
+  if (state.pointer === "draw") liftPen(kind);
   state.pointer = null;
 }
-addEventListener("pointerup", (event) => ended(event, "release"), true);
-addEventListener("pointercancel", (event) => ended(event, "cancel"), true);
+addEventListener("pointerup", (event) => endGesture(event, "release"), true);
+addEventListener("pointercancel", (event) => endGesture(event, "cancel"), true);
 
 for (const kind of ["mousedown", "mousemove", "mouseup", "click", "contextmenu"]) {
-  addEventListener(kind, (event) => { if (overPhoto(event)) taken(event); }, true);
+  addEventListener(kind, (event) => { if (isOverPhoto(event)) consume(event); }, true);
 }
 
 addEventListener("dblclick", (event) => {
-  if (!overPhoto(event)) return;
-  taken(event);
+  if (!isOverPhoto(event)) return;
+  consume(event);
   if (pen.shape) finishStroke();
-  else send({ kind: "double", ...at(event) });
+  else send({ kind: "double", ...pointerFields(event) });
 }, true);
 
 addEventListener("wheel", (event) => {
-  if (!overPhoto(event)) return;
-  taken(event);
+  if (!isOverPhoto(event)) return;
+  consume(event);
   const lines = event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1;
   const factor = Math.exp(-event.deltaY * lines * 0.0016);
   if (pen.shape === "brush" && !ctrl(event)) {
     pen.radius = Math.min(Math.max(pen.radius * factor, 2), 240);
   } else {
-    zoomAt(...place(event), factor);
+    zoomAt(...canvasPoint(event), factor);
   }
 }, { capture: true, passive: false });
 
 // --- strokes ------------------------------------------------------------------------------------
-// On a sheet over the photo lie pins and marks, as the server draws them, and strokes: where a tool
-// draws, the main button leaves one. It is drawn here at once, and sent when it is done; it stays on
-// the sheet until the server has taken it.
+// A sheet over the photo shows pins and marks, as the server draws them, and strokes of the drawing
+// tools. A stroke is sent when it is done, and stays on the sheet until the server has masked it.
 const sheet = document.createElementNS("http://www.w3.org/2000/svg", "svg");
 sheet.classList.add("pv-sheet");
 sheet.innerHTML = '<g></g><g></g><path class="pv-line pv-hovered"/>';
@@ -192,54 +189,54 @@ const pen = {
   shape: "", // "brush", "polygon", "scribble"
   erases: false, // unless alt or shift is held
   radius: 18, // of the brush, CSS px
-  at: null, // where the pointer is, photo px
-  now: null, // the stroke that is being drawn: {shape, points (photo px), radius (photo px), erase}
-  done: [], // strokes that the server has not taken yet
-  drawn: "", // what the sheet shows
+  at: null, // the pointer, photo px
+  now: null, // stroke under way: {shape, points (photo px), radius (photo px), erase}
+  done: [], // strokes that the server has not masked yet
+  drawn: "", // content of the sheet
 };
 const SCRIBBLE = 3; // half its width, CSS px
 const STEP = 1.5; // CSS px between a stroke's points
-const NEAR = 9; // CSS px: a press so near to a polygon's first corner closes it
-const LASSO = 12; // points of one drag from which on a polygon is closed when the button goes up
+const NEAR = 9; // CSS px: a press within this distance of the first corner closes a polygon
+const LASSO = 12; // points: a longer drag closes its polygon when the button goes up
 
 function setPen(shape, erases) {
   if (shape !== pen.shape) pen.now = null;
   Object.assign(pen, { shape, erases });
 }
 
-const erasing = (event) => pen.erases !== (event.altKey || event.shiftKey);
-const apart = (one, other) => Math.hypot(one[0] - other[0], one[1] - other[1]) * scale();
+const isErasing = (event) => pen.erases !== (event.altKey || event.shiftKey);
+const screenDistance = (one, other) => Math.hypot(one[0] - other[0], one[1] - other[1]) * scale();
 const penRadius = () => (pen.shape === "scribble" ? SCRIBBLE : pen.radius) / scale();
 
 function hover(event) {
   if (!pen.shape) return;
-  pen.at = overPhoto(event) || state.pointer ? photoFromCanvas(...place(event)) : null;
-  pen.preview = erasing(event);
+  pen.at = isOverPhoto(event) || state.pointer ? photoFromCanvas(...canvasPoint(event)) : null;
+  pen.preview = isErasing(event);
 }
 
 function beginStroke(event) {
-  const point = photoFromCanvas(...place(event));
+  const point = photoFromCanvas(...canvasPoint(event));
   const stroke = pen.now;
   if (stroke && pen.shape === "polygon") {
-    if (stroke.points.length > 2 && apart(point, stroke.points[0]) < NEAR) finishStroke();
-    else if (apart(point, stroke.points.at(-1)) >= STEP) stroke.points.push(point);
+    if (stroke.points.length > 2 && screenDistance(point, stroke.points[0]) < NEAR) finishStroke();
+    else if (screenDistance(point, stroke.points.at(-1)) >= STEP) stroke.points.push(point);
     stroke.before = stroke.points.length;
   } else {
-    const [shape, radius, erase] = [pen.shape, penRadius(), erasing(event)];
+    const [shape, radius, erase] = [pen.shape, penRadius(), isErasing(event)];
     pen.now = { shape, points: [point], radius, erase, before: 1 };
   }
 }
 
-function goOn(event) {
+function extendStroke(event) {
   if (!pen.now) return;
   const events = event.getCoalescedEvents?.() ?? [];
   for (const one of events.length ? events : [event]) {
-    const point = photoFromCanvas(...place(one));
-    if (apart(point, pen.now.points.at(-1)) >= STEP) pen.now.points.push(point);
+    const point = photoFromCanvas(...canvasPoint(one));
+    if (screenDistance(point, pen.now.points.at(-1)) >= STEP) pen.now.points.push(point);
   }
 }
 
-function lift(kind) {
+function liftPen(kind) {
   const stroke = pen.now;
   if (!stroke) return;
   if (kind === "cancel") pen.now = null;
@@ -259,12 +256,12 @@ function finishStroke() {
 }
 
 function forgetStrokes() {
-  const taken = pen.done;
-  // The tint's picture is decoded after it has come.
-  setTimeout(() => { pen.done = pen.done.filter((stroke) => !taken.includes(stroke)); }, 150);
+  const masked = pen.done;
+  // The browser still has to decode the picture of the mask.
+  setTimeout(() => { pen.done = pen.done.filter((stroke) => !masked.includes(stroke)); }, 150);
 }
 
-// The sheet's unit is a px of the photo, --pv-px one of the screen.
+// The sheet's unit is a photo px; --pv-px is a screen px.
 function drawSheet() {
   const drawn = [...pen.done, pen.now].map((stroke) => stroke && pathOf(stroke)).join("") +
     (pen.at && (pen.shape === "brush" || pen.shape === "scribble") ? cursor() : "");
@@ -291,21 +288,21 @@ function pathOf(stroke) {
 }
 
 // --- keys ---------------------------------------------------------------------------------------
-function typing(event) {
+function isTyping(event) {
   const element = event.target;
-  // viser's dropdowns are text fields: they take keys only while their list is open.
+  // viser's dropdowns are text fields, which take keys only while their list is open.
   if (element.ariaHasPopup === "listbox") return element.ariaExpanded === "true";
   return element.matches?.("textarea, select, [contenteditable=true], input:not([type=checkbox], " +
     "[type=radio], [type=range], [type=button])");
 }
 
-// A dialog that is open has the keys; Esc, and ? again, close it where it may be closed.
+// An open dialog gets the keys; Esc and ? press its button Close.
 function dialogTakes(event) {
   const open = document.querySelector('[role="dialog"][aria-modal="true"]');
   if (!open) return false;
   const close = [...open.querySelectorAll("button")].find((b) => b.textContent.trim() === "Close");
   if (close && (event.key === "Escape" || event.key === "?")) {
-    taken(event);
+    consume(event);
     close.click();
   }
   return true;
@@ -313,34 +310,33 @@ function dialogTakes(event) {
 
 addEventListener("keydown", (event) => {
   noteModifiers(event);
-  // Else the browser's own menu has the keys next.
+  // Else the browser's menu gets the keys.
   if (event.key === "Alt" && pen.shape) event.preventDefault();
-  if (typing(event) || dialogTakes(event)) return;
+  if (isTyping(event) || dialogTakes(event)) return;
   if (pen.now && ["Enter", "Escape"].includes(event.key)) {
-    taken(event);
+    consume(event);
     if (event.key === "Enter") finishStroke();
     else pen.now = null;
     return;
   }
   const action = CONFIG.keys[event.code] ?? CONFIG.keys[event.key];
   if (!action || (ctrl(event) && action.leave)) return;
-  taken(event);
+  consume(event);
   document.activeElement?.blur();
   if (action.call) { window.poseviewer[action.call](); return; }
-  forward(action);
+  openStepOf(action);
   if (event.key === "Escape" && state.pointer === "drag") state.pointer = null;
   const { code, key, repeat } = event;
   send({ kind: "key", code, key, repeat, shift: event.shiftKey, ctrl: ctrl(event) });
 }, true);
-// Then it is typed, and the keys are the page's again: once viser has seen the key, and before the
-// next one comes.
+// Enter and Esc leave a field, after viser has seen the key.
 addEventListener("keydown", (event) => {
   const done = event.key === "Enter" || event.key === "Escape";
-  if (done && typing(event) && event.target.tagName === "INPUT") event.target.blur();
+  if (done && isTyping(event) && event.target.tagName === "INPUT") event.target.blur();
 });
 addEventListener("keyup", noteModifiers, true);
 addEventListener("blur", noteModifiers);
-// A pressed button must not take the keys with it: neither itself, nor the field that it steps.
+// A pressed button must not keep the keys, nor may the field that it steps.
 addEventListener("pointerup", (event) => setTimeout(() => {
   const element = document.activeElement;
   const stepped = element?.tagName === "INPUT" && element !== event.target;
@@ -353,11 +349,11 @@ function noteModifiers(event) {
 }
 
 // --- files --------------------------------------------------------------------------------------
-// All that is chosen or dropped at once is one set, sent as one file: a line of JSON, a list of
-// [path, bytes], then the bytes of all files. The browser reads them only as they are sent.
+// All files chosen or dropped at once are sent as one: a line of JSON (a list of [path, bytes]) and
+// the bytes of all files, which the browser reads as they are sent.
 const packed = new WeakSet();
 
-function give(input, files) {
+function sendFiles(input, files) {
   if (!files.length) return;
   const size = files.reduce((sum, [, file]) => sum + file.size, 0);
   const folder = files[0][0].includes("/") ? files[0][0].split("/")[0] : "";
@@ -377,7 +373,7 @@ function give(input, files) {
   input.dispatchEvent(new Event("change", { bubbles: true }));
 }
 
-// Before the browser's file chooser opens: what belongs together is chosen together.
+// Let the browser's file chooser take several files, or a folder.
 addEventListener("click", (event) => {
   const input = event.target;
   if (!(input instanceof HTMLInputElement) || input.type !== "file") return;
@@ -385,12 +381,12 @@ addEventListener("click", (event) => {
   input.webkitdirectory = input.accept === "folder";
 }, true);
 
-// Before viser reads them: it would send one file alone, and all of one that the server refuses.
+// Before viser reads the files: it would send only one, and all of one that is refused.
 addEventListener("change", (event) => {
   const input = event.target;
   if (input.type !== "file" || !input.files.length || packed.has(input.files[0])) return;
-  taken(event);
-  give(input, [...input.files].map((file) => [file.webkitRelativePath || file.name, file]));
+  consume(event);
+  sendFiles(input, [...input.files].map((file) => [file.webkitRelativePath || file.name, file]));
 }, true);
 
 // The files of a dropped file or folder, as [path, file] each.
@@ -409,7 +405,7 @@ async function filesOf(entry, files) {
   }
 }
 
-// What is dropped anywhere goes to the button that takes folders; else the browser would open it.
+// Files dropped anywhere go to the button for folders; else the browser would open them.
 addEventListener("dragover", (event) => {
   if (event.dataTransfer?.types.includes("Files")) event.preventDefault();
 }, true);
@@ -417,11 +413,11 @@ addEventListener("drop", async (event) => {
   const input = document.querySelector("input[type=file][accept=folder]");
   const dropped = event.dataTransfer;
   if (!dropped?.types.includes("Files") || !input) return;
-  taken(event);
-  // Both are gone after the first wait.
+  consume(event);
+  // Both are gone after the first await.
   const files = [...dropped.files].map((file) => [file.name, file]);
   const entries = [...dropped.items].map((item) => item.webkitGetAsEntry?.()).filter(Boolean);
-  if (!entries.some((entry) => entry.isDirectory)) { give(input, files); return; }
+  if (!entries.some((entry) => entry.isDirectory)) { sendFiles(input, files); return; }
   const inside = [];
   try {
     for (const entry of entries) await filesOf(entry, inside);
@@ -429,7 +425,7 @@ addEventListener("drop", async (event) => {
     send({ kind: "not sent", trouble: "unreadable", name: entries[0].name });
     return;
   }
-  if (inside.length) give(input, inside);
+  if (inside.length) sendFiles(input, inside);
   else send({ kind: "not sent", trouble: "empty", name: entries[0].name });
 }, true);
 
@@ -438,11 +434,11 @@ addEventListener("drop", async (event) => {
 addEventListener("click", (event) => {
   const label = event.target.closest?.("button")?.textContent.trim();
   const action = label && Object.values(CONFIG.keys).find((own) => own.label === label);
-  if (action) forward(action);
+  if (action) openStepOf(action);
 });
 
-// Open the step of an action, unless it has none or a later one is open.
-function forward(action) {
+// Open the step of an action, if the action opens it.
+function openStepOf(action) {
   const isLater = CONFIG.steps.findIndex(isOpen) >= CONFIG.steps.indexOf(action.step);
   if (action.opens === "always" || (action.opens && !isLater)) openStep(action.step);
 }
@@ -459,8 +455,8 @@ function openStep(step) {
   return isOpen(step);
 }
 
-// Presses, by Enter too, on what has a report: with the place from its left and lower border, each
-// as a share of its side.
+// Presses, also by Enter, on elements with a report: sent with the point, in shares of the
+// element's sides from its lower left corner.
 function report(event) {
   const node = event.target.closest?.("[data-report]");
   if (!node || (event.type === "keydown" && event.key !== "Enter")) return;
@@ -477,7 +473,7 @@ addEventListener("pointerover", (event) => {
   hovered.setAttribute("d", path?.getAttribute("d") ?? "");
 });
 
-// What has a text to copy is copied by way of a field: a page without TLS has no other clipboard.
+// Texts are copied through a field: a page without TLS has no other clipboard.
 addEventListener("click", (event) => {
   const node = event.target.closest?.("[data-copy]");
   if (!node) return;
@@ -491,9 +487,9 @@ addEventListener("click", (event) => {
   setTimeout(() => node.classList.remove("pv-copied"), 1500);
 });
 
-// The page is as light, and its panel as wide for the text, as the browser prefers.
+// Light or dark, and the size of text, as the browser prefers.
 const light = matchMedia("(prefers-color-scheme: light)");
-const USUAL = 14.8; // px: viser's text where the browser's is of its usual size
+const USUAL = 14.8; // px: viser's text at the browser's default size
 const textSize = () =>
   Math.max(1, parseFloat(getComputedStyle(document.documentElement).fontSize) / USUAL);
 const sendTheme = () => send({ kind: "theme", light: light.matches, text: textSize() });
@@ -529,7 +525,7 @@ function setStrip(cells) {
 function watch() {
   const viewer = vm();
   if (viewer && viewer.canvas && viewer.cameraControl && viewer.camera) {
-    // Only where it is on: to set it has viser draw the scene anew.
+    // Only if needed: setting it makes viser redraw the scene.
     if (viewer.cameraControl.enabled) viewer.cameraControl.enabled = false;
     const host = viewer.canvas.parentElement;
     if (bar.parentElement !== host) {
@@ -544,7 +540,7 @@ function watch() {
     drawSheet();
     viewer.canvas.style.cursor = pen.shape ? "crosshair" : "";
     if (!state.step || tabOf(state.step)) state.frames += 1;
-    if (state.frames === SETTLED) document.documentElement.classList.add("pv-ready");
+    if (state.frames === LAYOUT_FRAMES) document.documentElement.classList.add("pv-ready");
     if (state.step && openStep(state.step)) state.step = "";
   }
   requestAnimationFrame(watch);

@@ -1,7 +1,7 @@
-"""The page's own script, ``client.js``, and what it reports.
+"""The page's script ``client.js``, and its reports.
 
-Why: viser has no zoom and pan that keep the registration, no drags beyond 20 Hz, no drop of files,
-nothing that opens a tab; its hotkeys know neither dialogs nor a slider or checkbox with the focus.
+Why: viser has no zoom and pan that keep the registration, no drags beyond 20 Hz, no dropping of
+files, and nothing that opens a tab; its hotkeys also act in dialogs, sliders and checkboxes.
 Written for viser 1.1.1: the message ``RunJavascriptMessage``, put into
 ``client.gui._websock_interface``; a field's ``_impl.uuid``; and in the page
 ``window.__viserMutable`` (its camera, canvas, ``sendMessage``), tabs that Enter opens, and
@@ -23,7 +23,7 @@ _ICON = Path(__file__).with_name("icon.svg")
 
 
 class ClientScript:
-    """Puts the script on every page that connects, and hands on what pages report."""
+    """Runs the script on every page that connects, and hands on the pages' reports."""
 
     def __init__(
         self,
@@ -31,14 +31,14 @@ class ClientScript:
         config: Mapping[str, Any],
         on_report: Callable[[object, viser.ClientHandle], None],
     ) -> None:
-        """``config``: what the script is told, as the head of ``client.js`` says;
-        ``on_report(report, client)`` is called in viser's thread; a page may report anything.
+        """``config`` is described in ``client.js``; ``on_report(report, client)`` is called in
+        viser's thread, with unchecked reports.
         """
         self._server = server
-        self._told: dict[str, tuple[Any, ...]] = {}
-        # A page that connects is told everything before it is told of a change.
-        self._telling = Lock()
-        # Pages report through a text field that nobody sees; viser has no other public way back.
+        self._last_calls: dict[str, tuple[Any, ...]] = {}
+        # A page gets all last calls before it gets new ones.
+        self._lock = Lock()
+        # Pages report through an invisible text field: viser has no other public way back.
         channel = server.gui.add_text("report", "", visible=False)
         icon = f"data:image/svg+xml;base64,{base64.b64encode(_ICON.read_bytes()).decode()}"
         config = {**config, "channel": channel._impl.uuid, "icon": icon}
@@ -53,16 +53,16 @@ class ClientScript:
         server.on_client_connect(self._greet)
 
     def show(self, function: str, *arguments: Any) -> None:
-        """Call a function of all pages, and of later ones, unless its last call was the same."""
-        with self._telling:
-            if self._told.get(function) != arguments:
-                self._told[function] = arguments
+        """Call a function on all pages, also later ones, unless its last call was the same."""
+        with self._lock:
+            if self._last_calls.get(function) != arguments:
+                self._last_calls[function] = arguments
                 for client in self._server.get_clients().values():
                     _run_on(client, _call(function, arguments))
 
     async def _greet(self, client: viser.ClientHandle) -> None:
-        with self._telling:
-            calls = map(_call, self._told, self._told.values())
+        with self._lock:
+            calls = map(_call, self._last_calls, self._last_calls.values())
             _run_on(client, "\n".join([self._source, *calls]))
 
 

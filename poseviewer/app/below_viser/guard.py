@@ -1,15 +1,14 @@
 """A viser server that answers only whom its policy lets pass: by Host, Origin and token.
 
-Why: viser checks neither Host nor Origin, has no login, takes the next port where one is busy, and
-lets any page open a public tunnel. A page of another site may send requests to this machine, and by
-DNS rebinding even read the answers (Jackson et al. 2007, "Protecting browsers from DNS rebinding
-attacks"); its Host or its Origin gives it away. Other users of this machine, and other machines,
-can reach the app as well: whoever comes must know a random token, by the address that poseviewer
-prints or by the cookie that this address sets. And viser's page shows a panel of its own until ours
-is there: ``first.html`` in its head lies over that, and says what poseviewer is.
+Why: viser checks neither Host nor Origin, has no login, takes the next port if one is busy, and
+lets any page open a public tunnel. A foreign page may send requests to this machine, and by DNS
+rebinding read the answers (Jackson et al. 2007, "Protecting browsers from DNS rebinding attacks");
+its Host or Origin gives it away. Other users and machines can reach the app as well; they lack the
+random token in the printed address and in the cookie that this address sets. viser shows its own
+panel until the page is built; ``first.html`` covers it and says what poseviewer is.
 Written for viser 1.1.1 and websockets 16.1. viser makes its web server deep inside its constructor,
-in its own thread, by ``websockets.asyncio.server.serve``; that one call is intercepted, so that the
-check is in place before the first connection. Else of viser: ``_websock_server`` and the messages
+in its own thread, by ``websockets.asyncio.server.serve``; that call is intercepted, so that the
+check stands before the first connection. Also used of viser: ``_websock_server``, and the messages
 ``ShareUrlRequest`` and ``ShareUrlDisconnect``.
 """
 
@@ -43,11 +42,12 @@ from websockets.http11 import Request, Response
 from poseviewer.app.below_viser.wake_up import wake_in_the_loop
 from poseviewer.errors import SettingsError, printable
 
-VISERS_OWN = "viser.infra._infra"
-"""The module whose call of ``serve`` is intercepted."""
-DEFAULT_PORT, PORTS_TRIED = 8080, 100
+VISERS_MODULE = "viser.infra._infra"
+"""Module whose call of ``serve`` is intercepted."""
+DEFAULT_PORT = 8080
+PORTS_TRIED = 100
 MAX_MESSAGE_BYTES = 4_000_000
-"""Bytes: pages send parts of uploads of 512 KiB, and nothing larger."""
+"""Pages send parts of uploads of 512 KiB, and nothing larger."""
 SECURITY_HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
@@ -55,17 +55,17 @@ SECURITY_HEADERS = {
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
-
-VISERS_TITLE, FIRST = b"<title>Viser</title>", Path(__file__).with_name("first.html")
-"""What of viser's page is replaced, and by what."""
+VISERS_TITLE = b"<title>Viser</title>"
+FIRST_HTML = Path(__file__).with_name("first.html")
+"""Replaces the title of viser's page."""
 FOREIGN_SOURCES = ("playbackPath", "websocket")
-"""Parameters by which a link makes viser's page take its messages, scripts too, from elsewhere."""
+"""Parameters by which a link makes viser's page take messages, also scripts, from elsewhere."""
 
 _log = logging.getLogger(__name__)
 
 
-def _in_a_line(record: logging.LogRecord) -> bool:
-    """Drop records of connections closed before their first line; shorten unreadable messages."""
+def _shorten(record: logging.LogRecord) -> bool:
+    """Filter out connections that close before their first line; shorten unreadable messages."""
     if record.msg == "connection handler failed" and record.exc_info:
         error = record.exc_info[1]
         words = printable(f"{type(error).__name__}: {error}", 100)
@@ -76,38 +76,38 @@ def _in_a_line(record: logging.LogRecord) -> bool:
     return record.getMessage() != "opening handshake failed"
 
 
-_log.addFilter(_in_a_line)
+_log.addFilter(_shorten)
 
 MAX_TARGET_LETTERS = 4000
-"""Characters of a path and query: file systems take a name of 255, and viser looks for a file."""
+"""Letters of a path and query: viser looks for a file of that name."""
 Answer = Callable[[ServerConnection, Request], Response | None]
 
 
 @dataclass(frozen=True, slots=True)
 class AccessPolicy:
-    """Rule of who may talk to an app that listens at ``host`` and ``port``."""
+    """Rule of who may connect to the app at ``host`` and ``port``."""
 
     host: str
     port: int
     token: str
     tickets: set[str] = field(default_factory=set)
-    """Tokens that are good until a page is connected."""
+    """Tokens that are valid until a page is connected."""
 
     def url(self, token: str) -> str:
         """The address for the user's browser, with a token."""
-        # 0.0.0.0 and :: mean every address of this machine, and are none themselves.
+        # 0.0.0.0 and :: stand for all addresses of this machine.
         name = socket.gethostname() if self.host in ("", "0.0.0.0", "::") else self.host
         name = f"[{name}]" if ":" in name else name
         return f"http://{name}:{self.port}/?token={token}"
 
     @property
     def cookie_name(self) -> str:
-        """Name that keeps tokens apart: browsers share cookies between a machine's ports."""
+        """Name of the cookie, unique among ports, between which browsers share cookies."""
         return f"poseviewer_{hashlib.sha256(self.token.encode()).hexdigest()[:8]}"
 
     def refusal(self, target: str, headers: Headers) -> str | None:
-        """Say in one sentence why a request for a path and query is refused; None: it may pass."""
-        # Without the token: a refusal is read by strangers.
+        """Sentence why a request for a path and query is refused; None: it may pass."""
+        # Strangers read refusals: no token.
         instead = f"open {self.url('').partition('?')[0]} instead."
         hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
         if len(target) > MAX_TARGET_LETTERS:
@@ -126,7 +126,7 @@ class AccessPolicy:
                 f"The request comes from a page of {origins[0][:80]!r}, and only poseviewer's own "
                 f"page may talk to it; {instead}"
             )
-        # Read by hand: http.cookies gives up at the odd cookie of another server of this machine.
+        # http.cookies gives up at the odd cookie of another server of this machine.
         pairs = [c.strip().partition("=") for h in headers.get_all("Cookie") for c in h.split(";")]
         tokens = query.get("token", [])[:1] + [v for k, _, v in pairs if k == self.cookie_name]
         if not any(map(self._is_token, tokens)):
@@ -143,31 +143,31 @@ class AccessPolicy:
         return None
 
     def cookie_to_set(self, target: str) -> dict[str, str]:
-        """The Set-Cookie header for whoever came with the token in the address."""
+        """Set-Cookie header for a request with the token in its address."""
         if not any(map(self._is_token, _query(target).get("token", [])[:1])):
             return {}
         return {"Set-Cookie": f"{self.cookie_name}={self.token}; HttpOnly; SameSite=Strict; Path=/"}
 
     def _is_token(self, given: str) -> bool:
-        # As bytes: compare_digest takes no text beyond ASCII.
+        # compare_digest takes no text beyond ASCII.
         data = given.encode(errors="surrogateescape")
         return any(hmac.compare_digest(data, t.encode()) for t in (self.token, *self.tickets))
 
 
 @dataclass(frozen=True, slots=True)
 class GuardedServer:
-    """A running viser server and the policy it is guarded by."""
+    """A running viser server with its policy."""
 
     server: viser.ViserServer
     policy: AccessPolicy
 
     @property
     def url(self) -> str:
-        """The address to open, as often as one likes."""
+        """The address to open, which stays valid."""
         return self.policy.url(self.policy.token)
 
     def url_to_hand_on(self) -> str:
-        """The address to open at once: others may read it, and it is good for one page only."""
+        """An address for the first page that opens it, as others may read it."""
         self.policy.tickets.add(ticket := secrets.token_urlsafe())
         return self.policy.url(ticket)
 
@@ -183,24 +183,24 @@ def serve(
     label: str | None = None,
     token: str | None = None,
 ) -> GuardedServer:
-    """Start a viser server that answers only its own page, to whom knows the token.
+    """Start a viser server that answers only its own page, and only with the token.
 
     Args:
         host: address to listen at.
-        port: port there; None: the first free one from 8080 on; 0: one that the system chooses.
-        label: title of viser's panel.
-        token: token; None: a new one.
+        port: to listen at; None: the first free one from 8080 on; 0: the system chooses.
+        label: of viser's page.
+        token: secret of the address; None: a new one.
 
     Raises:
         SettingsError: the port is taken or not allowed, or the host is no address of this machine.
     """
-    listening = _make_socket(host, port)
+    listening = _listen(host, port)
     policy = AccessPolicy(host, listening.getsockname()[1], token or secrets.token_urlsafe())
     wake_in_the_loop()
     try:
         # viser prints its address, without the token, to the standard output.
         with _intercept_serve(listening, policy) as calls, redirect_stdout(io.StringIO()):
-            # Where viser itself would listen, if it ever came past the guard.
+            # viser would listen here if it came past the guard.
             server = viser.ViserServer("127.0.0.1", 0, label, verbose=False)
     except BaseException:
         listening.close()
@@ -212,7 +212,7 @@ def serve(
             f"viser {viser.__version__} starts its server in another way than 1.1.1, unguarded; "
             "install viser 1.1.1."
         )
-    # A page could ask viser to open a public tunnel to this server; no more.
+    # By these messages a page could open a public tunnel.
     for kind in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
         server._websock_server.unregister_handler(kind)
     return GuardedServer(server, policy)
@@ -220,27 +220,27 @@ def serve(
 
 @contextmanager
 def _intercept_serve(listening: socket.socket, policy: AccessPolicy) -> Iterator[list[str]]:
-    """While open, viser's server listens on our socket and asks the policy; gives the calls."""
+    """Make viser's server listen on our socket and ask the policy; yields the calls."""
     calls: list[str] = []
     original = websockets.asyncio.server.serve
 
-    def serve_guarded(handler: Any, *args: Any, **settings: Any) -> Any:
-        if getattr(handler, "__module__", "") != VISERS_OWN:
-            return original(handler, *args, **settings)  # somebody else's server
+    def serve_by_policy(handler: Any, *args: Any, **settings: Any) -> Any:
+        if getattr(handler, "__module__", "") != VISERS_MODULE:
+            return original(handler, *args, **settings)  # not viser's server
         calls.append(handler.__qualname__)
-        settings["process_request"] = _check_first(policy, settings["process_request"])
+        settings["process_request"] = _check_requests(policy, settings["process_request"])
         settings |= {"logger": _log, "max_size": MAX_MESSAGE_BYTES}
         return original(handler, sock=listening, **settings)
 
-    websockets.asyncio.server.serve = serve_guarded  # type: ignore[assignment,misc]
+    websockets.asyncio.server.serve = serve_by_policy  # type: ignore[assignment,misc]
     try:
         yield calls
     finally:
         websockets.asyncio.server.serve = original  # type: ignore[misc]
 
 
-def _check_first(policy: AccessPolicy, answer: Answer) -> Answer:
-    """An answer to requests, HTTP and websocket alike, that asks the policy first."""
+def _check_requests(policy: AccessPolicy, answer: Answer) -> Answer:
+    """Wrap an answer to HTTP and websocket requests so that the policy is asked first."""
 
     def process_request(connection: ServerConnection, request: Request) -> Response | None:
         refusal = policy.refusal(request.path, request.headers)
@@ -264,8 +264,9 @@ def _check_first(policy: AccessPolicy, answer: Answer) -> Answer:
 def _begin_page(response: Response) -> None:
     """Put ``first.html`` in place of the title of viser's page."""
     if response.headers.get("Content-Type", "").startswith("text/html"):
-        is_zipped = response.headers["Content-Encoding"] == "gzip"
-        response.body = _with_head(bytes(response.body), is_zipped)
+        response.body = _with_head(
+            bytes(response.body), response.headers["Content-Encoding"] == "gzip"
+        )
         response.headers.pop("Content-Length")
         response.headers["Content-Length"] = str(len(response.body))
 
@@ -273,12 +274,12 @@ def _begin_page(response: Response) -> None:
 @lru_cache(maxsize=2)
 def _with_head(page: bytes, is_zipped: bool) -> bytes:
     page = gzip.decompress(page) if is_zipped else page
-    page = page.replace(VISERS_TITLE, FIRST.read_bytes(), 1)
+    page = page.replace(VISERS_TITLE, FIRST_HTML.read_bytes(), 1)
     return gzip.compress(page) if is_zipped else page
 
 
-def _make_socket(host: str, port: int | None) -> socket.socket:
-    """A listening socket. viser would silently take the next port where one is busy."""
+def _listen(host: str, port: int | None) -> socket.socket:
+    """Open a listening socket, as viser would silently take the next port if one is busy."""
     if port is not None and not 0 <= port <= 65535:
         raise SettingsError(f"Port {port}: wanted a number from 0 to 65535; choose another one.")
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -295,8 +296,7 @@ def _make_socket(host: str, port: int | None) -> socket.socket:
                     "is."
                 ) from error
             continue
-        # asyncio sets this only on sockets that say they are TCP; what is accepted here does not.
-        # Without it the end of a message waits until the page has something to send.
+        # asyncio does not set this here; without it the end of a message waits for the page.
         listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         return listening
     where = f"Port {port}" if port is not None else f"Ports {ports[0]} to {ports[-1]}"
@@ -307,7 +307,7 @@ def _make_socket(host: str, port: int | None) -> socket.socket:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only programs of this machine can reach a server that listens there."""
+    """Whether only this machine can reach a server that listens at the host."""
     if host.lower() == "localhost":
         return True
     try:
@@ -317,11 +317,11 @@ def is_loopback(host: str) -> bool:
 
 
 def _name_in(host: str) -> str:
-    """The name in a lower-case Host header, without its port; empty where it is none."""
+    """Name in a lower-case Host header, without its port; "": there is none."""
     match = re.fullmatch(r"\[([0-9a-f:]+)\](:\d+)?|([^:@]+)(:\d+)?", host)
     return "" if match is None else match[1] or match[3]
 
 
 def _query(target: str) -> dict[str, list[str]]:
-    """The parameters behind the question mark, as the page's own script would read them."""
+    """Parameters of a path and query, as the page's script would read them."""
     return parse_qs(target.partition("?")[2], keep_blank_values=True)

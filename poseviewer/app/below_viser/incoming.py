@@ -1,11 +1,11 @@
-"""Checks of what pages send before viser takes it: uploads that are too large, and values of inputs
-that no page of ours sends, go no farther.
+"""Checks of what pages send before viser takes it: too large uploads, and values that an input
+cannot have, are refused.
 
-Why: viser keeps every part of every upload, whatever size was announced, until all are there, and a
-button keeps the last file. It tells every page, those to come too, how far an upload is, and they
-show a nameless one: here its own page is told. viser sets whatever attribute of an input a page
-names, turns every number for a field of whole numbers into one, and sends it on: one beyond 64 bits
-cuts off all pages, those to come too; a choice that is none ends in a traceback.
+Why: viser keeps all parts of an upload, whatever size was announced, until the last has come, and a
+button keeps its last file. It reports the progress of an upload to all pages, which show a nameless
+notice; here only the upload's page is told. viser sets any attribute of an input that a page names,
+and sends any number on: one beyond 64 bits cuts off all pages, and an unknown choice ends in a
+traceback.
 Written for viser 1.1.1: its handlers ``gui._handle_file_transfer_start``, ``_part`` and
 ``gui._handle_gui_updates`` are called by ours; ``gui._current_file_upload_states``,
 ``gui._gui_input_handle_from_uuid``, ``gui._websock_interface`` and its ``queue_message``, a
@@ -23,16 +23,16 @@ from viser.infra import ClientId
 from poseviewer.files.state.uploads import MAX_UPLOAD_BYTES, display_name, why_unfit
 
 MIN_PART_BYTES = 65_536
-"""Least bytes of a part: viser's page sends 512 KiB."""
+"""Least size of a part: viser's page sends 512 KiB."""
 MAX_EXACT_INTEGER = 2.0**53
-"""Largest whole number that a page's script counts exactly."""
+"""Largest integer that JavaScript holds exactly."""
 
 Refuse = Callable[[int, str], None]
-"""Tells a page, by its client's id, why its upload was refused."""
+"""Shows a client, by its id, why its upload was refused."""
 
 
 def check_incoming(server: viser.ViserServer, refuse: Refuse) -> None:
-    """Let pages upload ``MAX_UPLOAD_BYTES`` bytes at a time, and send values an input can have."""
+    """Check uploads, of ``MAX_UPLOAD_BYTES`` bytes at a time, and values of inputs."""
     gui, checks = server.gui, _Checks(server, refuse)
     handlers: Any = {
         m.FileTransferStartUpload: (gui._handle_file_transfer_start, checks.start),
@@ -45,19 +45,19 @@ def check_incoming(server: viser.ViserServer, refuse: Refuse) -> None:
 
     @server.on_client_connect
     async def _(client: viser.ClientHandle) -> None:
-        # What one page alone is shown has no place for uploads.
+        # Elements of one page alone take no uploads.
         client.gui._websock_interface.unregister_handler(m.FileTransferStartUpload)
 
 
 def take_upload(handle: viser.GuiUploadButtonHandle) -> viser.UploadedFile:
-    """Take the last upload, which the button would keep in memory until the next one."""
+    """Take the last upload out of its button, which would keep it in memory."""
     file = handle.value
     handle._impl.value = viser.UploadedFile("", b"")
     return file
 
 
 class _Checks:
-    """viser's handlers, each behind a look at what has come."""
+    """viser's handlers, each behind a check."""
 
     def __init__(self, server: viser.ViserServer, refuse: Refuse) -> None:
         self._server = server
@@ -69,7 +69,7 @@ class _Checks:
         interface.queue_message = self._tell  # pyright: ignore[reportAttributeAccessIssue]
 
     def start(self, client: ClientId, message: m.FileTransferStartUpload) -> None:
-        """An upload is announced."""
+        """Check the announcement of an upload."""
         problem = self._problem(message)
         if problem:
             self._end(client, message, problem)
@@ -77,7 +77,7 @@ class _Checks:
             self._gui._handle_file_transfer_start(client, message)
 
     def part(self, client: ClientId, message: m.FileTransferPart) -> None:
-        """A part has come; one of an upload that was refused, or is another page's, is dropped."""
+        """Check a part; those of refused uploads, and of other pages', are dropped."""
         upload = self._running.get(message.transfer_uuid)
         if upload is None or upload["client_id"] != client:
             return
@@ -89,17 +89,17 @@ class _Checks:
         self._end(client, message, f"{name}: more bytes came than were announced; try again.")
 
     async def value(self, client: ClientId, message: m.GuiUpdateMessage) -> None:
-        """Another value of an input has come."""
+        """Check a new value of an input."""
         handle = self._gui._gui_input_handle_from_uuid.get(message.uuid)
         if handle is None or isinstance(handle.value, viser.UploadedFile):  # files come in parts
             return
-        if message.updates.keys() == {"value"} and _is_one_of(handle, message.updates["value"]):
+        if message.updates.keys() == {"value"} and _can_have(handle, message.updates["value"]):
             await self._gui._handle_gui_updates(client, message)
         else:
             self._tell_all(m.GuiUpdateMessage(message.uuid, {"value": handle.value}))
 
     def _problem(self, message: m.FileTransferStartUpload) -> str:
-        """Say why an upload is not taken; "" where it is."""
+        """Sentence why an upload is refused; "": it is taken."""
         name = display_name(message.filename)
         size = message.size_bytes
         parts = message.part_count
@@ -111,14 +111,14 @@ class _Checks:
         return why_unfit(name, size)
 
     def _end(self, client: ClientId, message: Any, problem: str) -> None:
-        """Let the button take files again, end the page's notice, and say why."""
+        """End an upload: free the button, close the notice, and show the problem."""
         source, transfer = message.source_component_uuid, message.transfer_uuid
         self._tell_one(client, m.FileTransferPartAck(source, transfer, 0, total_bytes=0))
         self._tell_one(client, m.RemoveNotificationMessage(f"upload-{transfer}"))
         self._refuse(client, problem)
 
     def _tell(self, message: m.Message) -> None:
-        """Send a message of viser to all pages; that of an upload to its own page alone."""
+        """Send a message to all pages, or that of an upload to its own page."""
         if not isinstance(message, m.FileTransferPartAck):
             self._tell_all(message)
         elif message.transfer_uuid in self._running:
@@ -130,13 +130,13 @@ class _Checks:
             handle.gui._websock_interface.queue_message(message)
 
 
-def _is_one_of(handle: Any, value: object) -> bool:
+def _can_have(handle: Any, value: object) -> bool:
     """Whether an input can have the value."""
-    own = handle.value
+    old = handle.value
     if hasattr(handle, "options"):
         return value in handle.options
-    if isinstance(own, bool | str):
-        return type(value) is type(own)
-    if isinstance(own, int):
+    if isinstance(old, bool | str):
+        return type(value) is type(old)
+    if isinstance(old, int):
         return isinstance(value, int | float) and abs(value) <= MAX_EXACT_INTEGER
-    return not isinstance(own, float) or (isinstance(value, int | float) and not math.isinf(value))
+    return not isinstance(old, float) or (isinstance(value, int | float) and not math.isinf(value))

@@ -1,8 +1,8 @@
-"""Pages are told what is new in the thread of the server's loop, whoever asks for it.
+"""Pages are woken in the thread of the server's loop, whoever has a message for them.
 
-Why: viser sets its asyncio event in the thread that has something new, too. Such an event is not
-safe for threads: now and then that raised "deque mutated during iteration" where an input was
-changed, or came between a page's last look and its wait, and the page was told nothing any more.
+Why: viser also sets its asyncio event in the thread that queues a message, which is not
+thread-safe: now and then "deque mutated during iteration" was raised, or a page missed the event
+and got no message any more.
 Written for viser 1.1.1: ``AsyncMessageBuffer.push`` sets ``message_event`` at once and then again
 by ``call_soon_threadsafe``, or at the end of an atomic block; ``infra._infra`` makes one buffer for
 all pages, and one for each.
@@ -16,13 +16,13 @@ from viser.infra._async_message_buffer import AsyncMessageBuffer
 
 
 class _LoopsEvent(asyncio.Event):
-    """Set in the thread of a running loop alone."""
+    """Event that is set only in the thread of a running loop."""
 
     def set(self) -> None:
         try:
             asyncio.get_running_loop()
         except RuntimeError:
-            return  # ``push`` has asked the loop to do it
+            return  # ``push`` has asked the loop to set it
         super().set()
 
 
@@ -32,5 +32,5 @@ class _Buffer(AsyncMessageBuffer):
 
 
 def wake_in_the_loop() -> None:
-    """Let servers that start from now on wake their pages in their own thread."""
+    """Make servers that start from now on wake their pages in their own thread."""
     _infra.AsyncMessageBuffer = _Buffer  # pyright: ignore[reportPrivateImportUsage]

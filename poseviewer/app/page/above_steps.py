@@ -29,7 +29,7 @@ def object_colour(number: int) -> tuple[int, int, int]:
 
 def objects_list(session: Session) -> str:
     """A row for each object (HTML); "" for one alone."""
-    objects, active = session.document.scene.objects, session.document.number
+    objects, active = session.document.scene.objects, session.document.object_id
     if len(objects) == 1:
         return ""
     rows = "".join(_row(item, int(item.id) == active) for item in objects)
@@ -39,10 +39,10 @@ def objects_list(session: Session) -> str:
 def _row(item: SceneObject, is_picked: bool) -> str:
     name, number = escape(label_of(item)), int(item.id)
     colour = LINE_COLOUR if is_picked else object_colour(number)
-    at, pick = " class=pv-at" if is_picked else "", on_press("pick object", number=number)
+    at, pick = " class=pv-at" if is_picked else "", on_press("pick object", object_id=number)
     hide, lock = ("show" if item.hidden else "hide"), ("unlock" if item.locked else "lock")
     hiding, locking = (
-        on_press("alter object", number=number, what=what, on=not getattr(item, what))
+        on_press("alter object", object_id=number, what=what, on=not getattr(item, what))
         for what in ("hidden", "locked")
     )
     icons = "".join(
@@ -52,7 +52,7 @@ def _row(item: SceneObject, is_picked: bool) -> str:
         for verb, icon, is_faint, press in (
             (hide, "eye", item.hidden, hiding),
             (lock, "lock" if item.locked else "open", not item.locked, locking),
-            ("remove", "away", False, on_press("remove object", number=number)),
+            ("remove", "away", False, on_press("remove object", object_id=number)),
         )
     )
     return (

@@ -8,11 +8,10 @@ import numpy as np
 
 from poseviewer.app.page.controls import jpeg_url, on_press
 from poseviewer.app.page.measuring import distance_text
-from poseviewer.app.state.document import stands
+from poseviewer.app.state.document import is_shown
 from poseviewer.app.state.dragging import pins_in_photo
 from poseviewer.app.state.hiding import HIDING
 from poseviewer.app.state.marking import MARKING, marks_in_photo
-from poseviewer.app.state.measuring import measured_pixels
 from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError
 from poseviewer.geometry.arrays import FloatArray
@@ -43,7 +42,7 @@ def handles_of(session: Session) -> str:
     proposals, is_placed = session.proposals, document.object.is_placed
     proposed = proposals.outlines[:1] if proposals and not is_placed else ()
     drawn = [
-        _rectangle(document.own.region, REGION_COLOUR),
+        _rectangle(document.in_view.region, REGION_COLOUR),
         _rectangle(session.shown_box, BOX_COLOUR),
         *(_lines(lines, OTHER_END_COLOUR) for lines in session.other_outlines if not alone),
         *(_lines(lines, PROPOSED_COLOUR) for lines in proposed if not alone),
@@ -52,7 +51,7 @@ def handles_of(session: Session) -> str:
         drawn += () if alone else _marks(session)
     elif session.tool == "measure":
         drawn += () if alone else _measured(session)
-    elif session.tool not in HIDING and not alone and stands(document.object):
+    elif session.tool not in HIDING and not alone and is_shown(document.object):
         drawn += _pins(session)
     return "".join(drawn)
 
@@ -94,7 +93,7 @@ def _marks(session: Session) -> Iterator[str]:
 
 def _measured(session: Session) -> Iterator[str]:
     """Numbered crosses at the measured pixels, a line between two, and their distance."""
-    pixels = measured_pixels(session)
+    pixels = session.measurement_pixels
     for number, pixel in enumerate(pixels, 1):
         yield _at(pixel, f'{CROSS}<text x="6" y="-6">{number}</text>', MARK_COLOUR)
     if len(pixels) > 1:

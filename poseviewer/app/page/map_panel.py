@@ -278,7 +278,7 @@ def grid_of(session: Session, latest: Landscape) -> LossGrid:
     candidates = None
     sure, search = session.covariance_in(first.view_index), session.own_progress
     with suppress(PoseViewerError, OutsideChartError):
-        pose = document.numbers_in(problem)
+        pose = document.params_in(problem)
     with suppress(PoseViewerError, OutsideChartError):
         covariance = None if sure is None else sure.in_chart(first.chart)
     if session.search and search and search.problem.chart.names == chart.names:

@@ -7,7 +7,6 @@ from poseviewer.app.page.controls import Controls, memoize
 from poseviewer.app.page.result import with_deviation
 from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.document import label_of
-from poseviewer.app.state.measuring import measured_pixels
 from poseviewer.app.state.session import Session
 from poseviewer.errors import SettingsError
 from poseviewer.geometry.camera import Parallel
@@ -27,8 +26,8 @@ MAX_LETTERS = 22
 
 
 def _measure(session: Session) -> tuple[MeasuredPoint, ...]:
-    scene, view = session.document.scene, session.document.at
-    pixels = () if session.is_moving else measured_pixels(session)
+    scene, view = session.document.scene, session.document.view_index
+    pixels = () if session.is_moving else session.measurement_pixels
     return tuple(filter(None, (measure_point(scene, pixel, view) for pixel in pixels)))
 
 
@@ -53,7 +52,7 @@ def distance_text(session: Session) -> str:
 def measurement_html(session: Session) -> str:
     """The measured points in the frames of model and camera, and their distance; "": none."""
     points, document = measured_points(session), session.document
-    if len(points) < len(measured_pixels(session)):
+    if len(points) < len(session.measurement_pixels):
         return '<div class="pv-result"><b>No model rests at a measured point.</b></div>'
     if not points:
         return ""

@@ -26,8 +26,13 @@ from poseviewer.app.page.texts import (
     verdict_text,
 )
 from poseviewer.app.state import hiding as h
-from poseviewer.app.state.camera_change import MAX_FIELD_DEG, MIN_FIELD_DEG
-from poseviewer.app.state.camera_edits import set_camera, set_field_of_view, set_projection
+from poseviewer.app.state.camera_edits import (
+    MAX_FIELD_DEG,
+    MIN_FIELD_DEG,
+    set_camera,
+    set_field_of_view,
+    set_projection,
+)
 from poseviewer.app.state.display_edits import show_style
 from poseviewer.app.state.document import is_alone
 from poseviewer.app.state.keys_and_buttons import ACTIONS, STYLES
@@ -82,7 +87,7 @@ WAITING = '<div class="pv-wait"></div>'
 
 
 def _has_region(session: Session) -> bool:
-    return session.document.own.region is not None
+    return session.document.in_view.region is not None
 
 
 def _is_papers(session: Session) -> bool:
@@ -344,7 +349,7 @@ def _add_hiding(controls: Controls) -> None:
         document = session.document
         ended = None if session.is_searching else session.search
         masks, choice = h.masks_of(session), document.settings.in_front
-        return *masks, choice, document.object.result, document.at, ended
+        return *masks, choice, document.object.result, document.view_index, ended
 
     in_front = attrgetter("document.settings.in_front")
     controls.dropdown("In front", IN_FRONT, partial(_set, "in_front"), in_front, IN_FRONT_HINT)
@@ -357,7 +362,7 @@ def _add_hiding(controls: Controls) -> None:
     for_one = controls.gui.add_checkbox("For this object only", False)
     several = lambda s: s.tool in h.SHAPES and len(s.document.scene.objects) > 1  # noqa: E731
     controls.bind(for_one, "pen", "for_one", visible=several)
-    has_found = memoize(hiding_key, lambda s: h.found_hidden(s) is not None)
+    has_found = memoize(hiding_key, lambda s: h.occlusion_pixels(s) is not None)
     controls.action("hide found", visible=has_found)
     controls.action("unhide", visible=lambda s: is_hiding(s) and any(h.masks_of(s)))
     controls.html(lambda s: parts_left_out(s.document.mesh))
@@ -393,7 +398,7 @@ def _add_object_text(controls: Controls, name: str) -> None:
     """A field for a text of the active object."""
     controls.field(
         controls.gui.add_text(name.capitalize(), ""),
-        lambda text: alter_object(controls.session.document.number, **{name: text}),
+        lambda text: alter_object(controls.session.document.object_id, **{name: text}),
         value=attrgetter(f"document.object.{name}"),
     )
 

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from poseviewer.app.page.above_steps import object_colour
 from poseviewer.app.page.controls import memoize, set_properties
-from poseviewer.app.state.document import stands
-from poseviewer.app.state.hiding import HIDING, found_hidden, masks_of
+from poseviewer.app.state.document import is_shown
+from poseviewer.app.state.hiding import HIDING, masks_of, occlusion_pixels
 from poseviewer.app.state.session import Session
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import size_at_scale
@@ -93,8 +93,12 @@ class PhotoScene:
             lambda s: (*masks_of(s), s.document.settings.in_front, s.tool in HIDING), _mask_tint
         )
         self._found = memoize(
-            lambda s: (not s.is_searching and s.search, s.document.object.result, s.document.at),
-            lambda s: _tint(found_hidden(s), FOUND_COLOUR, HIDDEN_OPACITY),
+            lambda s: (
+                not s.is_searching and s.search,
+                s.document.object.result,
+                s.document.view_index,
+            ),
+            lambda s: _tint(occlusion_pixels(s), FOUND_COLOUR, HIDDEN_OPACITY),
         )
 
     def show(self, session: Session) -> None:
@@ -141,7 +145,7 @@ class PhotoScene:
             yield Drawing("/hidden/painted", TINT, *self._painted(session))
         yield Drawing("/hidden/found", TINT, *self._found(session))
         yield from _other_objects(session)
-        if stands(session.document.object):
+        if is_shown(session.document.object):
             yield from _model(session)
 
 
@@ -214,7 +218,7 @@ def _model(session: Session) -> Iterator[Drawing]:
 
 def _other_objects(session: Session) -> Iterator[Drawing]:
     """The objects that are not active: outlines in colours of their own."""
-    outlines = {} if session.results.outlines is None else session.results.outlines.lines
+    outlines = {} if session.results.outlines is None else session.results.outlines.large
     for index in session.document.others:
         number = int(session.document.scene.objects[index].id)
         if number in outlines:

@@ -39,8 +39,8 @@ Meaning = Request | Theme | str | None
 """Meaning of a report: a request, or a sentence for the page that it comes from."""
 
 
-def _object(number: int, what: Literal["hidden", "locked"], on: bool) -> Edit:
-    return o.alter_object(number, **{what: on})
+def _object(object_id: int, what: Literal["hidden", "locked"], on: bool) -> Edit:
+    return o.alter_object(object_id, **{what: on})
 
 
 def _key(

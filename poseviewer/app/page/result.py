@@ -37,7 +37,7 @@ SOURCES = {
 
 def deviations_of(session: Session) -> dict[str, float]:
     """Known standard deviations of ``pose_numbers`` by their names, to first order."""
-    covariance, pose = session.covariance_in(session.document.at), session.document.pose
+    covariance, pose = session.covariance_in(session.document.view_index), session.document.pose
     if covariance is None:
         return {}
     at = pose_numbers(pose)

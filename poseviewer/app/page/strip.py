@@ -53,7 +53,7 @@ def _cell(session: Session, index: int) -> str:
     """HTML of a photo in the strip; a press makes it the large one."""
     document = session.document
     view, is_compared = document.scene.views[index], document.object.in_views[index].is_compared
-    at = " pv-at" if index == document.at else ""
+    at = " pv-at" if index == document.view_index else ""
     hint = "do not compare it" if is_compared else "compare it again"
     said = " · ".join(
         filter(None, (_loss_text(session, index), _verdict_text(document.object, index)))
@@ -61,12 +61,12 @@ def _cell(session: Session, index: int) -> str:
     return (
         f'<div class="pv-photo{at}{"" if is_compared else " pv-off"}" tabindex="0" '
         f'title="{"the large photo" if at else "press: make it the large one"}" '
-        f"{on_press('photo', index=index)}>"
+        f"{on_press('photo', view_index=index)}>"
         f'<div class="pv-small" style="aspect-ratio:{view.photo.width}/{view.photo.height}">'
         f'<svg viewBox="0 0 {UNITS} {UNITS}" preserveAspectRatio="none">'
         f"{_outlines(session, index)}</svg></div>"
         f'<div class="pv-said"><button type="button" title="{hint}" '
-        f"{on_press('compare photo', index=index, on=not is_compared)}>"
+        f"{on_press('compare photo', view_index=index, on=not is_compared)}>"
         f'<svg viewBox="0 0 16 16">{ICONS["eye"]}</svg></button>'
         f"<b>{escape(view.name)}</b><span>{escape(said)}</span></div></div>"
     )
@@ -116,7 +116,7 @@ def _outlines(session: Session, index: int) -> str:
     if is_hidden or outlines is None or index >= len(outlines.small):
         return ""
     for number, lines in outlines.small[index].items():
-        colour = LINE_COLOUR if number == session.document.number else object_colour(number)
+        colour = LINE_COLOUR if number == session.document.object_id else object_colour(number)
         drawn += _outline(path_of(UNITS * lines), colour)
     return drawn
 
@@ -130,10 +130,10 @@ def _loss_text(session: Session, index: int) -> str:
         session.is_searching
         or not session.document.object.is_placed
         or losses is None
-        or not losses.of_views
+        or not losses.by_view
     ):
         return ""
-    result = losses.of_views.get(index)
+    result = losses.by_view.get(index)
     return "not seen" if result is None else f"{result.scale.as_shown(result.loss):.3f}"
 
 

@@ -199,7 +199,7 @@ def search_text(session: Session) -> str:
         loss = session.loss
         if losses is None or losses.mean is None or loss is None:
             return plain(losses.note if losses else "") or PREPARING
-        count, text = len(losses.of_views), losses.mean.scale.text(loss)
+        count, text = len(losses.by_view), losses.mean.scale.text(loss)
         if session.is_moving or losses.request.at_pose != session.at_pose:
             text = _as_coarse(text)
         of_set = f", mean of {count} photos" if count > 1 else ""
@@ -242,7 +242,7 @@ def verdict_text(session: Session) -> str:
     reasons = "\n".join(
         f"- {plain(reason)}" for reason in (*verdict.reasons, focal_note(session)) if reason
     )
-    covariance, sure = session.covariance_in(session.document.at), ""
+    covariance, sure = session.covariance_in(session.document.view_index), ""
     if covariance is not None:
         words = plain(covariance.words(session.document.mesh.unit))
         sure = f"\n\n**How sure, if right:** {words} (standard deviations)."
@@ -251,7 +251,7 @@ def verdict_text(session: Session) -> str:
 
 def occlusion_text(session: Session) -> str:
     """Say how much of the photo is hidden (markdown); "" where nothing is."""
-    mask, occluders = session.document.mask, h.found_hidden(session)
+    mask, occluders = session.document.mask, h.occlusion_pixels(session)
     lines = []
     if mask is not None:
         lines.append(f"**{percent(1.0 - float(np.mean(mask.weights)), 1)}** of the photo is hidden")

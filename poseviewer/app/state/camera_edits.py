@@ -1,14 +1,25 @@
-"""Edits of the camera; the model stays where it is in the photo, and as large."""
+"""Edits of the camera; the model keeps its place and its size in the photo."""
 
+import math
 from dataclasses import replace
 from typing import Literal
 
-from poseviewer.app.state.camera_change import camera_from_numbers, with_camera
+from poseviewer.app.state.document import with_camera
 from poseviewer.app.state.edits import edit
 from poseviewer.app.state.session import Session
 from poseviewer.errors import SettingsError
 from poseviewer.geometry.camera import Camera, Parallel, Perspective
-from poseviewer.geometry.frames import camera_as_integer_centres
+from poseviewer.geometry.frames import camera_as_integer_centres, camera_from_integer_centres
+
+MIN_FOCAL_PX = 1.0
+MAX_FOCAL = 1000.0
+"""Largest focal length, in the photo's longer side: a telescope's."""
+MAX_CENTRE_OFFSET = 10.0
+"""Largest distance of the principal point from the photo's middle, in its longer side: more than
+any crop of a photo leaves."""
+MIN_FIELD_DEG = 0.5
+MAX_FIELD_DEG = 170.0
+"""Largest field of view."""
 
 
 @edit
@@ -23,25 +34,48 @@ def set_projection(session: Session, projection: Literal["perspective", "paralle
         start = document.start.camera
         start = start if isinstance(start, Perspective) else document.photo.default_camera()
         other = replace(start, cx=camera.cx, cy=camera.cy)
-    return _seen_by(session, other)
+    return _change_camera(session, other)
 
 
 @edit
 def set_camera(session: Session, fx: float, fy: float, cx: float, cy: float) -> Session:
-    """Set intrinsics in px, as OpenCV has them (pixel centres at integers)."""
-    return _seen_by(session, camera_from_numbers(fx, fy, cx, cy, session.document.pose.camera))
+    """Set the intrinsics, px, by OpenCV's convention (pixel centres at integers).
+
+    Args:
+        session: before the edit.
+        fx: focal length; ignored under parallel projection.
+        fy: likewise.
+        cx: principal point.
+        cy: likewise.
+    """
+    now = session.document.pose.camera
+    longer = max(now.width, now.height)
+    max_offset, max_focal = MAX_CENTRE_OFFSET * longer, MAX_FOCAL * longer
+    if not math.hypot(cx - now.width / 2.0, cy - now.height / 2.0) <= max_offset:
+        raise SettingsError(
+            f"cx, cy = {cx:g}, {cy:g}: wanted a centre within {max_offset:g} px of the photo's "
+            "middle; nothing was changed"
+        )
+    is_parallel = isinstance(now, Parallel)
+    if not is_parallel and not all(MIN_FOCAL_PX <= value <= max_focal for value in (fx, fy)):
+        raise SettingsError(
+            f"fx, fy = {fx:g}, {fy:g}: wanted focal lengths of {MIN_FOCAL_PX:g} to "
+            f"{max_focal:g} px; nothing was changed"
+        )
+    camera = camera_from_integer_centres(Perspective(fx, fy, cx, cy, now.width, now.height))
+    camera = replace(now, cx=camera.cx, cy=camera.cy) if is_parallel else camera
+    return _change_camera(session, camera)
 
 
 @edit
 def set_field_of_view(session: Session, degrees: float) -> Session:
-    """Set equal focal lengths from the view of the photo's longer side; the centre stays."""
+    """Set equal focal lengths by the field of view of the photo's longer side, in degrees."""
     now = camera_as_integer_centres(session.document.pose.camera)
     camera = Perspective.from_field_of_view(degrees, now.width, now.height)
     return set_camera(camera.fx, camera.fy, now.cx, now.cy)(session)
 
 
-def _seen_by(session: Session, camera: Camera) -> Session:
-    """Session with the active object seen by another camera."""
+def _change_camera(session: Session, camera: Camera) -> Session:
     document = session.document
     if len(document.scene.views) > 1:
         raise SettingsError(

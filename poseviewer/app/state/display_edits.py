@@ -1,4 +1,4 @@
-"""Edits of what is shown, and sentences that are told."""
+"""Edits of what is shown; none is an undo step."""
 
 from dataclasses import replace
 from typing import Any
@@ -11,17 +11,17 @@ from poseviewer.errors import SettingsError
 
 @drag_edit
 def set_fields(session: Session, part: str = "", **values: Any) -> Session:
-    """Set fields of the session, or of a ``part`` of it such as ``display``; no undoable step."""
-    return replace(
-        session, **({part: replace(getattr(session, part), **values)} if part else values)
-    )
+    """Set fields of the session, or of a ``part`` of it such as ``display``."""
+    if part:
+        values = {part: replace(getattr(session, part), **values)}
+    return replace(session, **values)
 
 
 @drag_edit
 def show_results(session: Session, document: Document, **values: Any) -> Session:
-    """Show a worker's results, unless another photo or model is at hand by now."""
-    is_same = document.shown == session.document.shown
-    return set_fields("results", **values)(session) if is_same else session
+    """Show a worker's results, unless another photo or model has been opened since."""
+    is_stale = document.shown != session.document.shown
+    return session if is_stale else set_fields("results", **values)(session)
 
 
 @drag_edit
@@ -38,12 +38,12 @@ def toggle_model(session: Session) -> Session:
 
 @drag_edit
 def enlarge_map(session: Session, first: int, second: int) -> Session:
-    """Make the map of a pair of parameters large, or small again."""
+    """Toggle the large map of a pair of parameters."""
     pair = None if session.display.large_map == (first, second) else (first, second)
     return set_fields("display", large_map=pair)(session)
 
 
 @drag_edit
 def report_error(_: Session, sentence: str) -> Session:
-    """Tell a sentence; nothing changes."""
+    """Show an error's sentence; nothing changes."""
     raise SettingsError(sentence)

@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.app.state.camera_change import with_camera
 from poseviewer.errors import SingularChartError
 from poseviewer.fit.compared_pixels import box_near
 from poseviewer.fit.problem import FitProblem, pose_to_params, with_params
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Camera, Perspective, Pose
+from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.charts import Chart
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.image import Photo
@@ -28,6 +27,7 @@ from poseviewer.render.renderers import RendererName
 from poseviewer.scene.assets import ModelFile
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import InView, Scene, SceneObject, View
+from poseviewer.starts.placing import with_point_at
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.wheel_pose import MIN_RIM_POINTS, Ellipse, ellipse_through
 
@@ -49,24 +49,24 @@ class Marks:
     rims: tuple[FloatArray, ...] = ()
     """Points (2,), px, on wheels' rims: five on the rear one, then five on the front one."""
     hubs: tuple[FloatArray, ...] = ()
-    """The rear wheel's point (3,) on the model, where the front one's is still to be pressed."""
+    """The rear wheel's point (3,) on the model, until the front wheel's is pressed."""
     note: str = ""
-    """Why no pose follows from them, as far as it was asked; a sentence."""
+    """Sentence: why no pose follows from the marks; "": one does, or too few are set."""
 
     @property
     def waits_for_pixel(self) -> bool:
-        """Whether a model point was picked whose place in the photo comes next."""
+        """Whether the last model point still needs its pixel."""
         return len(self.points) > len(self.pixels)
 
     @property
     def correspondences(self) -> tuple[FloatArray, FloatArray]:
-        """(n, 3) and (n, 2): model points and pixels of the pairs that are done."""
+        """(n, 3) and (n, 2): model points and pixels of the complete pairs."""
         points, pixels = self.points[: len(self.pixels)], self.pixels
         return np.array(points).reshape(-1, 3), np.array(pixels).reshape(-1, 2)
 
     @property
     def ellipses(self) -> tuple[Ellipse, ...]:
-        """Ellipses of the rear and the front wheel, as far as they have their points."""
+        """Ellipses of the rear and the front wheel, each once it has enough points."""
         count = len(self.rims) // MIN_RIM_POINTS
         pieces = [self.rims[i * MIN_RIM_POINTS :][:MIN_RIM_POINTS] for i in range(count)]
         return tuple(ellipse_through(piece) for piece in pieces)
@@ -74,7 +74,7 @@ class Marks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObjectState:
-    """State of an object that the app keeps beside the scene."""
+    """State of an object that only the app has."""
 
     pins: tuple[FloatArray, ...] = ()
     """Points (3,) on the model's surface, in its frame, that the user has pinned."""
@@ -84,37 +84,37 @@ class ObjectState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Document:
-    """A scene, and the object and the view that all edits are about."""
+    """A scene, with the active object and the large view, which edits change."""
 
     scene: Scene
-    """Its objects' ids are whole numbers, by which they are coloured."""
+    """Scene whose objects' ids are whole numbers, by which they are coloured."""
     states: tuple[ObjectState, ...]
     """For each object."""
     active: int = 0
-    """Index of the object that is worked on."""
-    at: int = 0
+    """Index of the active object."""
+    view_index: int = 0
     """Index of the view that is shown large."""
 
     @classmethod
-    def of(cls, scene: Scene, active: int = 0, at: int = 0) -> Document:
-        """The document of a scene, started where all is. Regions in the settings become the
-        objects' own: so each can be edited.
+    def of(cls, scene: Scene) -> Document:
+        """The document of a scene. Start poses are filled in, and regions of the settings become
+        the views' own, so that each can be edited.
         """
-        objects, are_numbers = [], all(one.id.isdecimal() for one in scene.objects)
-        for index, one in enumerate(scene.objects):
-            in_views = []
-            for number in range(len(scene.views)):
-                own = scene.in_view(index, number)
-                region = own.region or one.settings.region
-                in_views.append(replace(own, region=region))
-            named = {} if are_numbers else {"id": str(index + 1), "name": one.name or one.id}
-            settings = replace(one.settings, region=None)
-            cameras = one.start_cameras or tuple(view.camera for view in scene.views)
-            started = {"start": one.start or one.world_from_model, "start_cameras": cameras}
-            named |= {"in_views": tuple(in_views), "settings": settings}
-            objects.append(replace(one, **started, **named))
-        states = (ObjectState(),) * len(objects)
-        return cls(replace(scene, objects=tuple(objects)), states, active, at)
+        objects, are_numbers = [], all(item.id.isdecimal() for item in scene.objects)
+        for index, item in enumerate(scene.objects):
+            in_views = (scene.in_view(index, view) for view in range(len(scene.views)))
+            region = item.settings.region
+            names = {} if are_numbers else {"id": str(index + 1), "name": item.name or item.id}
+            filled_in = replace(
+                item,
+                start=item.start or item.world_from_model,
+                start_cameras=item.start_cameras or tuple(view.camera for view in scene.views),
+                in_views=tuple(replace(own, region=own.region or region) for own in in_views),
+                settings=replace(item.settings, region=None),
+                **names,
+            )
+            objects.append(filled_in)
+        return cls(replace(scene, objects=tuple(objects)), (ObjectState(),) * len(objects))
 
     @property
     def object(self) -> SceneObject:
@@ -129,7 +129,7 @@ class Document:
     @property
     def view(self) -> View:
         """The view that is shown large."""
-        return self.scene.views[self.at]
+        return self.scene.views[self.view_index]
 
     @property
     def photo(self) -> Photo:
@@ -154,97 +154,100 @@ class Document:
     @property
     def pose(self) -> Pose:
         """The active object's pose in the view."""
-        return self.scene.pose(self.active, self.at)
+        return self.scene.pose(self.active, self.view_index)
 
     @property
     def start(self) -> Pose:
-        """The active object's start pose in the view, by the camera of that time."""
-        view = replace(self.view, camera=self.object.start_cameras[self.at])
+        """The active object's start pose in the view, by the start's camera."""
+        view = replace(self.view, camera=self.object.start_cameras[self.view_index])
         return view.pose(self.object.start or self.object.world_from_model)
 
     @property
-    def own(self) -> InView:
-        """The view's own mask and region of the active object."""
-        return self.scene.in_view(self.active, self.at)
+    def in_view(self) -> InView:
+        """Mask and region of the active object in the view."""
+        return self.scene.in_view(self.active, self.view_index)
 
     @property
     def marks(self) -> Marks:
         """Marks in the view for the active object."""
-        return self.state.marks.get(self.at, Marks())
+        return self.state.marks.get(self.view_index, Marks())
 
     @property
-    def number(self) -> int:
-        """The active object's own number; its colour goes by it."""
+    def object_id(self) -> int:
+        """The active object's id, which picks its colour."""
         return int(self.object.id)
 
     @property
     def others(self) -> tuple[int, ...]:
-        """Indices of the objects that are not active and are to be seen in the photos."""
+        """Indices of the shown objects but the active one."""
         objects = enumerate(self.scene.objects)
-        return tuple(i for i, one in objects if i != self.active and stands(one))
+        return tuple(i for i, item in objects if i != self.active and is_shown(item))
 
-    def with_active(self, index: int) -> Document:
+    def with_active(self, object_index: int) -> Document:
         """The document with another object active."""
-        return self if index == self.active else replace(self, active=index)._in_front
+        if object_index == self.active:
+            return self
+        return replace(self, active=object_index)._with_object_in_front
 
-    def with_view(self, index: int) -> Document:
+    def with_view(self, view_index: int) -> Document:
         """The document with another view large."""
-        return self if index == self.at else replace(self, at=index)
+        return self if view_index == self.view_index else replace(self, view_index=view_index)
 
-    def with_object(self, index: int | None = None, **changes: Any) -> Document:
+    def with_object(self, object_index: int | None = None, **changes: Any) -> Document:
         """The document with changed fields of an object, by default the active one."""
-        index = self.active if index is None else index
-        return replace(self, scene=self.scene.with_object(index, **changes))
+        object_index = self.active if object_index is None else object_index
+        return replace(self, scene=self.scene.with_object(object_index, **changes))
 
     def without_parts(self, names: Sequence[str]) -> Document:
-        """The document whose active object lacks these parts alone, and is not searched for."""
+        """The document whose active object lacks exactly these parts, and has no result."""
         mesh = self.model.content.mesh_without(tuple(names))
         return self.with_object(without=mesh.left_out, result=None)
 
     def with_renderer(self, name: RendererName) -> Document:
-        """The document with another renderer of all objects; ``auto``: with their own."""
+        """The document with another renderer for all objects; ``auto`` keeps theirs."""
         document = self
         for index, item in enumerate(self.scene.objects if name != "auto" else ()):
             document = document.with_object(index, settings=replace(item.settings, renderer=name))
         return document
 
-    def with_own(self, **changes: Any) -> Document:
-        """The document with changed fields of what the view has of the active object alone."""
+    def with_in_view(self, **changes: Any) -> Document:
+        """The document with changed fields of ``in_view``."""
         in_views = list(self.object.in_views)
-        in_views[self.at] = replace(in_views[self.at], **changes)
+        in_views[self.view_index] = replace(in_views[self.view_index], **changes)
         return self.with_object(in_views=tuple(in_views))
 
     @property
     def mask(self) -> Mask | None:
-        """Pixels of the view that count by hand, by its mask and the active object's own one, as
-        far as its settings let these hide.
-        """
+        """Painted masks of the view and of the active object in it, unless settings ignore them."""
         if self.settings.in_front == "nothing":
             return None
-        return self.scene.with_object(self.active, result=None).mask(self.active, self.at)
+        return self.scene.with_object(self.active, result=None).mask(self.active, self.view_index)
 
-    def with_mask(self, mask: Mask | None, own: bool = False) -> Document:
-        """The document with another mask of the view, or of the active object alone there, without
-        results of searches that compared other pixels.
+    def with_mask(self, mask: Mask | None, for_object: bool = False) -> Document:
+        """The document with another mask of the view, or of the active object in it; results of
+        searches that read a changed pixel are dropped.
         """
-        before = self.own.mask if own else self.view.mask
+        before = self.in_view.mask if for_object else self.view.mask
         old, new = (1.0 if weights is None else weights.weights for weights in (before, mask))
         changed = np.broadcast_to(np.not_equal(old, new), (self.photo.height, self.photo.width))
-        document, views = self.with_own(mask=mask) if own else self, list(self.scene.views)
-        if not own:
-            views[self.at] = replace(self.view, mask=mask)
+        document, views = (
+            self.with_in_view(mask=mask) if for_object else self,
+            list(self.scene.views),
+        )
+        if not for_object:
+            views[self.view_index] = replace(self.view, mask=mask)
             document = replace(self, scene=replace(self.scene, views=tuple(views)))
-        for index in (self.active,) if own else range(len(self.states)):
+        for index in (self.active,) if for_object else range(len(self.states)):
             if self._compares(index, changed):
                 document = document.with_object(index, result=None)
         return document
 
-    def _compares(self, index: int, where: NDArray[np.bool_]) -> bool:
-        """Whether a search for an object compares pixels ``where`` (height, width) of the view."""
-        if self.scene.objects[index].settings.pixels == "whole":
-            return bool(where.any())
-        near = box_near(self.scene.objects[index].mesh, self.scene.pose(index, self.at))
-        return bool(np.any(near.mask(*where.shape)[where]))
+    def _compares(self, object_index: int, pixels: NDArray[np.bool_]) -> bool:
+        """Whether a search for an object reads any of ``pixels`` (height, width) of the view."""
+        if self.scene.objects[object_index].settings.pixels == "whole":
+            return bool(pixels.any())
+        model = self.scene.model_at(object_index, self.view_index)
+        return bool(np.any(box_near(model.mesh, model.pose).mask(*pixels.shape)[pixels]))
 
     def with_state(self, **changes: Any) -> Document:
         """The document with changed fields of the active object's state."""
@@ -255,61 +258,67 @@ class Document:
     def with_marks(self, **changes: Any) -> Document:
         """The document with changed fields of the marks in the view."""
         marks = replace(self.marks, **changes)
-        return self.with_state(marks={**self.state.marks, self.at: marks})
+        return self.with_state(marks={**self.state.marks, self.view_index: marks})
 
     def at_pose(self, pose: Pose, scale: float | None = None) -> Document:
-        """The document with the active object where the large view shows it at a pose, without a
-        result; other objects stay where the photo shows them.
+        """The document with the active object at a pose in the large view, without a result; other
+        objects stay where the photo shows them.
         """
-        scene = self.scene.with_pose(self.active, pose, self.at, scale)
-        return self._placed(scene, self.active, self.at)
+        scene = self.scene.with_pose(self.active, pose, self.view_index, scale)
+        return self._with_placement(scene, self.active, self.view_index)
 
-    def at_numbers(
-        self, problem: FitProblem, numbers: FloatArray, index: int | None = None
+    def at_params(
+        self, problem: FitProblem, params: FloatArray, object_index: int | None = None
     ) -> Document:
-        """The document with an object, by default the active one, at numbers (d,) of its problem;
-        raises ``OutsideChartError``.
-        """
-        index = self.active if index is None else index
-        scene = with_params(self.scene, index, problem, numbers)
-        return self._placed(scene, index, problem.views[0].view_index)
+        """The document with an object, by default the active one, at parameters (d,) of a problem.
 
-    def _placed(self, scene: Scene, index: int, view: int) -> Document:
+        Raises:
+            OutsideChartError: no pose has these parameters.
+        """
+        object_index = self.active if object_index is None else object_index
+        scene = with_params(self.scene, object_index, problem, params)
+        return self._with_placement(scene, object_index, problem.views[0].view_index)
+
+    def _with_placement(self, scene: Scene, object_index: int, view_index: int) -> Document:
         """Document with an object where ``scene`` has it; others stay as a view shows them."""
-        scene = scene.with_object(index, is_placed=True)
+        scene = scene.with_object(object_index, is_placed=True)
         if scene.views != self.scene.views:
-            for other, one in enumerate(self.scene.objects):
-                if other != index:
-                    camera, centre = scene.views[view].camera, one.mesh.centre
-                    kept = with_camera(self.scene.pose(other, view), camera, centre)
-                    scene = scene.with_pose(other, kept, view)
+            for index, item in enumerate(self.scene.objects):
+                if index != object_index:
+                    camera, centre = scene.views[view_index].camera, item.mesh.centre
+                    pose = with_camera(self.scene.pose(index, view_index), camera, centre)
+                    scene = scene.with_pose(index, pose, view_index)
         return replace(self, scene=scene)
 
-    def numbers_in(self, problem: FitProblem) -> FloatArray:
-        """(d,): the active object's pose in the chart of a problem; raises as the chart."""
+    def params_in(self, problem: FitProblem) -> FloatArray:
+        """(d,): parameters of the active object's pose in the chart of a problem.
+
+        Raises:
+            OutsideChartError: the chart does not hold the pose.
+        """
         pose = self.scene.pose(self.active, problem.views[0].view_index)
         return pose_to_params(problem.chart, pose, self.object.world_from_model.scale)
 
     @property
-    def started(self) -> Document:
-        """The document whose active object starts where it is."""
+    def with_start_here(self) -> Document:
+        """The document with the active object's pose as its start pose."""
         cameras = tuple(view.camera for view in self.scene.views)
         start = {"start": self.object.world_from_model, "start_cameras": cameras}
         return self.with_object(is_placed=True, **start)
 
     @property
-    def reset(self) -> Document:
-        """The document with the active object at its start."""
+    def at_start(self) -> Document:
+        """The document with the active object at its start pose."""
         pairs = zip(self.scene.views, self.object.start_cameras, strict=True)
         views = tuple(replace(view, camera=camera) for view, camera in pairs)
-        at_start = {"world_from_model": self.object.start, "result": None}
-        scene = replace(self.scene, views=views).with_object(self.active, **at_start)
-        return self._placed(scene, self.active, self.at)
+        changes = {"world_from_model": self.object.start, "result": None}
+        scene = replace(self.scene, views=views).with_object(self.active, **changes)
+        return self._with_placement(scene, self.active, self.view_index)
 
     @property
     def chart(self) -> Chart:
-        """The chart whose numbers are shown: the vehicle's where that can be, else the free-body
-        chart about the start pose, of several views with the size where that is free.
+        """The chart of the parameters that are shown: the vehicle's if possible, else the free-body
+        chart about the start pose; for several views the view chart, with the scale if it is free.
         """
         is_perspective = isinstance(self.pose.camera, Perspective)
         free_focal = self.settings.free_focal and is_perspective
@@ -318,37 +327,33 @@ class Document:
         if has_one_view and keypoints is not None and self.settings.chart != "free-body":
             with suppress(SingularChartError):
                 chart = VehicleChart.near(keypoints, self.pose, free_focal, free_principal)
-                known = self._with_start_principal(chart.camera)
-                return replace(chart, camera=known) if free_principal else chart
-        start = self._start_seen_now(free_focal, free_principal and not has_one_view)
+                camera = self._with_start_principal(chart.camera)
+                return replace(chart, camera=camera) if free_principal else chart
+        start = self._start_by_camera(free_focal, free_principal and not has_one_view)
         if has_one_view:
             return FreeBodyChart.near(self.mesh, start, free_focal)
-        now, begun = self.object.world_from_model, self.object.start
-        place = now if start is self.pose or begun is None else begun
-        reference, turn = FreeBodyChart.near(self.mesh, start), RigidTransform.identity()
-        assert isinstance(start.camera, Perspective)  # those of several views are
-        free_scale, scale = (
-            self.scene.free_scale,
-            1.0 / place.scale,
-        )
+        assert isinstance(start.camera, Perspective)  # cameras of several views are
+        now = self.object.world_from_model
+        placement = now if start is self.pose else self.object.start or now
+        reference, rotation = FreeBodyChart.near(self.mesh, start), RigidTransform.identity()
+        scale = self.scene.free_scale, 1.0 / placement.scale
         free = {"free_focals": int(free_focal), "free_principal_points": int(free_principal)}
-        return ViewChart(reference, start.camera, turn, free_scale, scale, **free)
+        return ViewChart(reference, start.camera, rotation, *scale, **free)
 
     def _with_start_principal(self, camera: Camera) -> Camera:
-        first = self.object.start_cameras[self.at]
-        return replace(camera, cx=first.cx, cy=first.cy)
+        """Camera with the principal point that the large view had at the start pose."""
+        at_start = self.object.start_cameras[self.view_index]
+        return replace(camera, cx=at_start.cx, cy=at_start.cy)
 
-    def _start_seen_now(self, free_focal: bool, free_principal: bool) -> Pose:
-        """The start pose by the camera at hand: by its own, a number of the chart would bring its
-        intrinsics back. A focal length or principal point that is a number itself stays the
-        start's.
+    def _start_by_camera(self, free_focal: bool, free_principal: bool) -> Pose:
+        """Start pose by the current intrinsics, which a chart about the start's own would reset; a
+        focal length or principal point that is a parameter itself stays the start's.
         """
-        start = self.start
+        start, centre = self.start, self.mesh.centre
         camera = self.pose.camera
         camera = self._with_start_principal(camera) if free_principal else camera
-        centre = self.mesh.centre
-        behind = not start.camera_from_model.apply(centre)[2] > 0.0
-        if behind and Perspective in (type(start.camera), type(camera)):
+        is_behind = not start.camera_from_model.apply(centre)[2] > 0.0
+        if is_behind and Perspective in (type(start.camera), type(camera)):
             return self.pose
         if free_focal and isinstance(camera, Perspective) and isinstance(start.camera, Perspective):
             fx = start.camera.fx
@@ -360,30 +365,35 @@ class Document:
         """(d,): the active object's pose in ``chart``."""
         return pose_to_params(self.chart, self.pose, self.object.world_from_model.scale)
 
-    def without(self, index: int) -> Document:
-        """The document without one of several objects; where it was active, the next one is."""
-        objects, states = (
-            (*all_of[:index], *all_of[index + 1 :]) for all_of in (self.scene.objects, self.states)
-        )
-        active = self.active - 1 if self.active > index else min(self.active, len(objects) - 1)
-        scene = replace(self.scene, objects=objects)
-        return replace(self, scene=scene, states=states, active=active)._in_front
+    def without(self, object_index: int) -> Document:
+        """The document without one of several objects; the next one becomes active in its place."""
+        objects, states = list(self.scene.objects), list(self.states)
+        del objects[object_index], states[object_index]
+        scene = replace(self.scene, objects=tuple(objects))
+        active = min(self.active - (self.active > object_index), len(objects) - 1)
+        document = replace(self, scene=scene, states=tuple(states), active=active)
+        return document._with_object_in_front
 
     @property
-    def _in_front(self) -> Document:
-        """The document with another view large where the active object is behind this camera."""
+    def _with_object_in_front(self) -> Document:
+        """Document with another large view if the active object is behind this one's camera."""
         if self.pose.camera_from_model.apply(self.mesh.centre)[2] > 0.0:
             return self
-        return self.with_view(reference_view(self.scene, self.active, self.at))
+        return self.with_view(reference_view(self.scene, self.active, self.view_index))
 
     @property
     def shown(self) -> tuple[object, ...]:
-        """Large photo, active object, its model, and all photos."""
-        return self.at, self.number, self.mesh, *(view.photo for view in self.scene.views)
+        """Values that are equal while view, object, model and photos stay the same."""
+        return (
+            self.view_index,
+            self.object_id,
+            self.mesh,
+            *(view.photo for view in self.scene.views),
+        )
 
     @property
     def placement(self) -> tuple[object, ...]:
-        """Poses and notes that files keep; equal where none of them has changed."""
+        """Values that are equal while nothing that files keep has changed."""
         views = ((view.photo, view.camera, view.mask) for view in self.scene.views)
         objects = self.scene.objects
         models = ((o.mesh, o.model.keypoints, o.in_views) for o in objects)
@@ -391,43 +401,57 @@ class Document:
 
 
 def is_alone(document: Document) -> bool:
-    """Whether there is one object in one view: a pose file says all of it."""
+    """Whether a pose file holds the whole document: one object in one view."""
     return len(document.scene.views) == len(document.scene.objects) == 1
 
 
-def label_of(one: SceneObject) -> str:
+def label_of(item: SceneObject) -> str:
     """Name of an object: the user's, or its file's."""
-    return one.name.strip() or one.model.name
+    return item.name.strip() or item.model.name
 
 
-def stands(one: SceneObject) -> bool:
-    """Whether an object is to be seen in the photos: neither hidden, nor still to be placed."""
-    return one.is_placed and not one.hidden
+def is_shown(item: SceneObject) -> bool:
+    """Whether an object appears in the photos: it is placed, and not hidden."""
+    return item.is_placed and not item.hidden
 
 
-def verdict_of(one: SceneObject) -> str:
-    """The end of the search for an object in a word."""
-    if one.result is None:
-        return "not searched" if one.is_placed else "not placed"
-    return "searched" if one.result.verdict is None else one.result.verdict.label
+def verdict_of(item: SceneObject) -> str:
+    """State of the search for an object: its verdict's label, or why there is none."""
+    if item.result is None:
+        return "not searched" if item.is_placed else "not placed"
+    return "searched" if item.result.verdict is None else item.result.verdict.label
 
 
-def scale_at(chart: Chart, numbers: FloatArray) -> float | None:
-    """Lengths of the world's unit to one of the model's, as far as the numbers (d,) say it."""
-    return 1.0 / chart.scale_at(numbers) if isinstance(chart, ViewChart) else None
+def with_camera(pose: Pose, camera: Camera, centre: FloatArray) -> Pose:
+    """The pose by another camera; ``centre`` (3,) of the model keeps its pixel and px per unit."""
+    old, in_camera = pose.camera, pose.camera_from_model.apply(centre)
+    depth = in_camera[2]
+    px_per_unit = old.scale if isinstance(old, Parallel) else old.fx / depth
+    if isinstance(camera, Parallel):
+        camera = replace(camera, scale=px_per_unit)
+    else:
+        depth = camera.fx / px_per_unit
+    return with_point_at(replace(pose, camera=camera), centre, old.project(in_camera), depth)
 
 
-def reference_view(scene: Scene, index: int, view: int) -> int:
-    """The view whose chart an object is searched by: ``view``, or else the first compared one."""
-    for number in (view, *range(len(scene.views))):
-        is_compared = scene.in_view(index, number).is_compared
-        if is_compared and scene.model_at(index, number).is_seen:
-            return number
-    return view
+def scale_at(chart: Chart, params: FloatArray) -> float | None:
+    """World units per model unit at parameters (d,); None: the chart does not hold the scale."""
+    return 1.0 / chart.scale_at(params) if isinstance(chart, ViewChart) else None
 
 
-def compared(scene: Scene, index: int) -> tuple[object, ...]:
-    """Everything that the loss of an object about its pose depends on; equal for equal losses."""
-    one, objects = scene.objects[index], enumerate(scene.objects)
-    firm = ((o.mesh, o.world_from_model) for i, o in objects if i != index and o.is_occluder)
-    return scene.views, one.mesh, one.world_from_model, one.in_views, one.settings, *firm
+def reference_view(scene: Scene, object_index: int, view_index: int) -> int:
+    """Index of the view whose chart a search uses: the given one, or else the first compared."""
+    for index in (view_index, *range(len(scene.views))):
+        is_compared = scene.in_view(object_index, index).is_compared
+        if is_compared and scene.model_at(object_index, index).is_seen:
+            return index
+    return view_index
+
+
+def loss_inputs(scene: Scene, object_index: int) -> tuple[object, ...]:
+    """Values that are equal if an object has the same loss about its pose in both scenes."""
+    item, objects = scene.objects[object_index], enumerate(scene.objects)
+    occluders = (
+        (o.mesh, o.world_from_model) for i, o in objects if i != object_index and o.is_occluder
+    )
+    return scene.views, item.mesh, item.world_from_model, item.in_views, item.settings, *occluders

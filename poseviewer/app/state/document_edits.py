@@ -10,14 +10,14 @@ from poseviewer.app.state.session import Session
 
 @edit
 def undo(session: Session) -> Session:
-    """Go one step back: of a search, to before it."""
-    return session.at(*session.history.undo(session.document))
+    """Undo one step; a search is one."""
+    return session.with_history(*session.history.undo(session.document))
 
 
 @edit
 def redo(session: Session) -> Session:
-    """Go one step on again."""
-    return session.at(*session.history.redo(session.document))
+    """Redo one step."""
+    return session.with_history(*session.history.redo(session.document))
 
 
 @edit
@@ -31,15 +31,15 @@ def open_document(
     """Open another photo, model or both.
 
     Args:
-        session: the session before it.
-        document: what is opened.
-        unsaved: its pose stands in no file, and a model without one is not looked for.
+        session: before the edit.
+        document: the opened one.
+        unsaved: its pose is in no file; starts are not proposed.
         is_first: undo does not lead back before it.
-        looks: a model without a pose is looked for.
+        looks: starts are proposed for a model without a pose.
     """
     document = document.with_renderer(session.document.settings.renderer)
-    opened = session.with_document(document)
-    opened = opened.opened if looks and not unsaved else opened
-    history = History() if is_first else opened.history
+    session = session.with_document(document)
+    session = session.with_first_proposals if looks and not unsaved else session
+    history = History() if is_first else session.history
     saved = None if unsaved else document
-    return replace(opened, history=history, drag=None, tool="pose", saved=saved)
+    return replace(session, history=history, drag=None, tool="pose", saved=saved)

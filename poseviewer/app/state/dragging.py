@@ -1,4 +1,4 @@
-"""Drags become poses: what the pointer takes hold of, and how the pose follows it, in photo px."""
+"""Drags: what a press takes hold of, and how the pose follows the pointer, in photo px."""
 
 import math
 from collections.abc import Callable
@@ -18,38 +18,36 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.overlay.contour import is_within_outline
-from poseviewer.scene.types import PlacedModel
 from poseviewer.starts.placing import surface_point, with_point_at
 from poseviewer.vehicle.chart import MIN_AXLE_COMPONENT, VehicleChart
 
-REACH = 14.0
-"""A pin or a mark is taken within this distance (px of the screen)."""
-MODEL_REACH = 12.0
-"""The model is taken also this far (px of the screen) beside its convex outline."""
-MIN_LEVER = 8.0
-"""Rolls and scales are taken as if grabbed at least this far (px) from the centre."""
+POINT_REACH_PX = 14.0
+"""Distance within which a press takes a pin or a mark, px of the screen."""
+MODEL_REACH_PX = 12.0
+"""Distance from its convex outline within which a press takes the model, px of the screen."""
+MIN_LEVER_PX = 8.0
+"""Least distance from the centre at which rolls and scales count as grabbed."""
 MAX_ZOOM = 20.0
 """Largest factor by which one drag scales the model, up or down."""
 STIFFNESS = 1e-2
-"""px per unit of the free-body chart: what pins do not determine is kept."""
-MIN_SIDE = 2
-"""px: a smaller rectangle is none."""
+"""Weight of the old pose, px per unit of the free-body chart: keeps what pins leave open."""
+MIN_SIDE_PX = 2
+"""Least side of a rectangle; a smaller one clears it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drag:
-    """Something that the pointer holds."""
+    """A drag under way."""
 
     follow: Callable[[Document, FloatArray], Document]
-    """Makes the document with the pointer at a point (2,), px of the photo."""
-    model_from: FloatArray | None = None
-    """(2,): where the pointer took hold of the model itself."""
+    """Gives the document with the pointer at a point (2,)."""
+    holds_model: bool = False
+    """Whether the model itself is held, instead of a pin, mark or rectangle."""
     before: Document | None = None
-    """Document when it was taken; None until the pointer moves."""
+    """Document before the drag; None until the pointer moves."""
 
 
-def hold_model(held: Document, start: FloatArray, kind: str) -> Drag:
-    """Take hold of the model at a point (2,) to "move", "turn" or "roll" and scale it."""
+def _hold_model(held: Document, start: FloatArray, kind: str) -> Drag:
     pose, mesh = held.pose, held.mesh
 
     def follow(document: Document, point: FloatArray) -> Document:
@@ -57,14 +55,14 @@ def hold_model(held: Document, start: FloatArray, kind: str) -> Drag:
             radius = max(radius_in_photo(pose, mesh), 1.0)
             return document.at_pose(trackball(pose, mesh.centre, radius, start, point))
         if kind == "roll":
-            return document.at_pose(rolled_and_scaled(pose, mesh.centre, start, point))
-        return document.at_pose(shifted(pose, mesh.centre, point - start))
+            return document.at_pose(roll_and_scale(pose, mesh.centre, start, point))
+        return document.at_pose(translate(pose, mesh.centre, point - start))
 
-    return Drag(follow, start)
+    return Drag(follow, holds_model=True)
 
 
-def hold_pin(held: Document, pin: int, offset: FloatArray) -> Drag:
-    """Take hold of a pin, of the vehicle chart or on the surface; ``offset`` (2,) from pointer."""
+def _hold_pin(held: Document, pin: int, offset: FloatArray) -> Drag:
+    """Take hold of a pin that is ``offset`` (2,) from the pointer."""
     pose, pins = held.pose, np.array(held.state.pins)
 
     def follow(document: Document, point: FloatArray) -> Document:
@@ -73,66 +71,70 @@ def hold_pin(held: Document, pin: int, offset: FloatArray) -> Drag:
             return document.at_pose(chart.to_pose(parameters))
         pixels = pose.project(pins)
         pixels[pin] = point + offset
-        return document.at_pose(pinned(held.mesh, pose, pins, pixels))
+        return document.at_pose(fit_pins(held.mesh, pose, pins, pixels))
 
     return Drag(follow)
 
 
 def draw_rectangle(tool: str, start: FloatArray) -> Drag:
-    """Draw the region, or the box about the object, from a corner (2,), cut to the photo."""
+    """Draw the region or the box about the object from a corner (2,), cut to the photo."""
 
     def follow(document: Document, point: FloatArray) -> Document:
         size = [document.photo.width, document.photo.height]
         low, high = np.sort(np.clip([start, point], 0, size), axis=0)
         corners = [*map(int, np.floor(low))], [*map(int, np.ceil(high))]
         rectangle = Rectangle.from_corners(*corners)
-        shown = None if min(rectangle.width, rectangle.height) < MIN_SIDE else rectangle
+        drawn = None if min(rectangle.width, rectangle.height) < MIN_SIDE_PX else rectangle
         if tool == "region":
-            return document.with_own(region=shown)
-        return document.with_marks(box=shown)
+            return document.with_in_view(region=drawn)
+        return document.with_marks(box=drawn)
 
     return Drag(follow)
 
 
-def nearest_place(places: FloatArray, point: FloatArray, zoom: float) -> int | None:
-    """Index of the nearest of places (k, 2), px, in reach; ``zoom``: screen px per photo px."""
-    away = np.nan_to_num(np.linalg.norm(places - point, axis=1) * zoom, nan=np.inf)
-    return int(np.argmin(away)) if len(away) and away.min() <= REACH else None
+def nearest_point(points: FloatArray, pointer: FloatArray, zoom: float) -> int | None:
+    """Index of the nearest of points (k, 2) in reach; ``zoom`` is in screen px per photo px."""
+    distances = np.nan_to_num(np.linalg.norm(points - pointer, axis=1) * zoom, nan=np.inf)
+    is_in_reach = len(distances) and distances.min() <= POINT_REACH_PX
+    return int(np.argmin(distances)) if is_in_reach else None
 
 
 def take_hold(document: Document, point: FloatArray, zoom: float, kind: str) -> Drag | None:
-    """Take hold of a pin or the model (to do ``kind``) under ``point``; None: nothing to hold."""
+    """Take hold of a pin or the model; None: neither is there, or the object cannot be moved.
+
+    Args:
+        document: at the press.
+        point: (2,), of the pointer.
+        zoom: screen px per photo px.
+        kind: motion of the model: "move", "turn", or "roll" (and scale).
+    """
     if document.object.hidden or document.object.locked:
         return None
     pins = pins_in_photo(document)
-    pin = nearest_place(pins, point, zoom)
+    pin = nearest_point(pins, point, zoom)
     if pin is not None:
-        return hold_pin(document, pin, pins[pin] - point)
-    if is_within_outline(point, document.pose, document.mesh, MODEL_REACH / zoom):
-        return hold_model(document, point, kind)
+        return _hold_pin(document, pin, pins[pin] - point)
+    if is_within_outline(point, document.pose, document.mesh, MODEL_REACH_PX / zoom):
+        return _hold_model(document, point, kind)
     return None
 
 
 def nearest_object(document: Document, point: FloatArray) -> int:
-    """Index of the nearest object at ``point`` that a press may take; else the active one's."""
-    objects = document.scene.objects
-    indices = (document.active, *document.others)
-    free = [i for i in indices if not (objects[i].hidden or objects[i].locked)]
-    depths = [_depth_at(document.scene.model_at(i, document.at), point) for i in free]
-    nearest = min(depths, default=math.inf)
-    return free[depths.index(nearest)] if nearest < math.inf else document.active
-
-
-def _depth_at(one: PlacedModel, point: FloatArray) -> float:
-    """The depth of a surface as seen at ``point``; infinite beside it."""
-    if not is_within_outline(point, one.pose, one.mesh, 0.0):
-        return math.inf
-    place = surface_point(one.mesh, one.pose, point)
-    return math.inf if place is None else float(one.pose.camera_from_model.apply(place)[2])
+    """Index of the nearest movable object at ``point``; the active one's if there is none."""
+    depths = {document.active: math.inf}
+    for index in (document.active, *document.others):
+        item = document.scene.objects[index]
+        mesh, pose = item.mesh, document.scene.pose(index, document.view_index)
+        if item.hidden or item.locked or not is_within_outline(point, pose, mesh, 0.0):
+            continue
+        surface = surface_point(mesh, pose, point)
+        if surface is not None:
+            depths[index] = float(pose.camera_from_model.apply(surface)[2])
+    return min(depths, key=depths.__getitem__)
 
 
 def pins_in_photo(document: Document) -> FloatArray:
-    """(k, 2): where the pins are, in px: a vehicle's three, or those on the surface."""
+    """(k, 2): pixels of the pins: a vehicle's three, or those on the surface."""
     if document.state.pins:
         return document.pose.project(np.array(document.state.pins))
     chart = document.chart
@@ -141,12 +143,12 @@ def pins_in_photo(document: Document) -> FloatArray:
     return np.zeros((0, 2))
 
 
-def shifted(pose: Pose, centre: ArrayLike, delta: ArrayLike) -> Pose:
-    """The pose whose model ``centre`` (3,) lies ``delta`` (2,) px further, at the same depth."""
+def translate(pose: Pose, centre: ArrayLike, delta: ArrayLike) -> Pose:
+    """The pose with the model's ``centre`` (3,) moved by ``delta`` (2,) px, at the same depth."""
     return with_point_at(pose, centre, pose.project(centre) + np.asarray(delta, dtype=float))
 
 
-def turned(pose: Pose, centre: ArrayLike, rotation_vector: ArrayLike) -> Pose:
+def rotate(pose: Pose, centre: ArrayLike, rotation_vector: ArrayLike) -> Pose:
     """The pose rotated about ``centre`` (3,) by an axis times an angle (3,), in camera axes."""
     turn = Rotation.from_rotvec(np.array(rotation_vector, dtype=float)).as_matrix()
     rotation = turn @ pose.camera_from_model.rotation
@@ -158,46 +160,61 @@ def turned(pose: Pose, centre: ArrayLike, rotation_vector: ArrayLike) -> Pose:
 def trackball(
     pose: Pose, centre: ArrayLike, radius: float, start: ArrayLike, end: ArrayLike
 ) -> Pose:
-    """The pose rotated as a ball of ``radius`` px about ``centre`` that is dragged (G. Bell)."""
+    """The pose rotated as a trackball (G. Bell).
+
+    Args:
+        pose: before the drag.
+        centre: (3,), of the ball, in the model's frame.
+        radius: of the ball, px.
+        start: (2,), pixel at which the ball is taken.
+        end: (2,), pixel to which it is dragged.
+    """
     middle = pose.project(centre)
     first, second = (_on_trackball((np.asarray(p) - middle) / radius) for p in (start, end))
     axis = np.cross(first, second)
     sine = float(np.linalg.norm(axis))
     if sine < 1e-12:
         return pose
-    return turned(pose, centre, axis / sine * math.atan2(sine, float(first @ second)))
+    return rotate(pose, centre, axis / sine * math.atan2(sine, float(first @ second)))
 
 
 def _on_trackball(point: FloatArray) -> FloatArray:
-    """The unit vector towards a point of the trackball, in camera axes, in radii."""
+    """Unit vector, in camera axes, to the trackball's surface at a point given in radii."""
     square = float(point @ point)
     depth = math.sqrt(1.0 - square) if square <= 0.5 else 0.5 / math.sqrt(square)
     vector = np.array([point[0], point[1], -depth])
     return vector / np.linalg.norm(vector)
 
 
-def rolled_and_scaled(pose: Pose, centre: ArrayLike, start: ArrayLike, end: ArrayLike) -> Pose:
-    """Rolled about the line of sight, and scaled, so that ``start`` is seen at ``end``."""
+def roll_and_scale(pose: Pose, centre: ArrayLike, start: ArrayLike, end: ArrayLike) -> Pose:
+    """The pose rolled about the viewing ray of ``centre`` and scaled, so that a point follows.
+
+    Args:
+        pose: before the drag.
+        centre: (3,), in the model's frame; keeps its pixel.
+        start: (2,), pixel of the point.
+        end: (2,), pixel to which the point goes.
+    """
     middle = pose.project(centre)
     before, after = np.asarray(start) - middle, np.asarray(end) - middle
-    lever, reach = (max(float(np.linalg.norm(v)), MIN_LEVER) for v in (before, after))
+    old_lever, new_lever = (max(float(np.linalg.norm(v)), MIN_LEVER_PX) for v in (before, after))
     angle = math.atan2(after[1], after[0]) - math.atan2(before[1], before[0])
-    if float(np.linalg.norm(before)) < MIN_LEVER:
-        angle = 0.0  # no direction to speak of
-    zoom = min(max(reach / lever, 1.0 / MAX_ZOOM), MAX_ZOOM)
-    return scaled_about(rolled(pose, centre, angle), centre, zoom)
+    if float(np.linalg.norm(before)) < MIN_LEVER_PX:
+        angle = 0.0  # the direction is undefined
+    zoom = min(max(new_lever / old_lever, 1.0 / MAX_ZOOM), MAX_ZOOM)
+    return scale_about(roll(pose, centre, angle), centre, zoom)
 
 
-def rolled(pose: Pose, centre: ArrayLike, angle: float) -> Pose:
-    """Rolled by ``angle`` (rad), clockwise in the photo, about the line of sight of ``centre``."""
-    sight = np.array([0.0, 0.0, 1.0])
+def roll(pose: Pose, centre: ArrayLike, angle: float) -> Pose:
+    """The pose rolled about the viewing ray of ``centre`` by ``angle`` (rad), clockwise."""
+    ray = np.array([0.0, 0.0, 1.0])
     if not isinstance(pose.camera, Parallel):
-        sight = pose.camera_from_model.apply(centre)
-    return turned(pose, centre, angle * sight / np.linalg.norm(sight))
+        ray = pose.camera_from_model.apply(centre)
+    return rotate(pose, centre, angle * ray / np.linalg.norm(ray))
 
 
-def scaled_about(pose: Pose, centre: ArrayLike, zoom: float) -> Pose:
-    """``zoom`` times as large in the photo, about the image of ``centre``: by scale, or depth."""
+def scale_about(pose: Pose, centre: ArrayLike, zoom: float) -> Pose:
+    """The pose with the model ``zoom`` times as large about ``centre``: by scale, or by depth."""
     camera, pixel = pose.camera, pose.project(centre)
     if isinstance(camera, Parallel):
         larger = replace(pose, camera=replace(camera, scale=camera.scale * zoom))
@@ -207,13 +224,20 @@ def scaled_about(pose: Pose, centre: ArrayLike, zoom: float) -> Pose:
 
 def radius_in_photo(pose: Pose, mesh: Mesh) -> float:
     """The model's radius about its centre, in px of the photo; nan behind the camera."""
-    at = pose.camera_from_model.apply(mesh.centre)
-    rim = at + np.array([mesh.diameter / 2.0, 0.0, 0.0])
-    return float(np.linalg.norm(pose.camera.project(rim) - pose.camera.project(at)))
+    centre = pose.camera_from_model.apply(mesh.centre)
+    rim = centre + np.array([mesh.diameter / 2.0, 0.0, 0.0])
+    return float(np.linalg.norm(pose.camera.project(rim) - pose.camera.project(centre)))
 
 
-def pinned(mesh: Mesh, pose: Pose, points: ArrayLike, pixels: ArrayLike) -> Pose:
-    """The pose nearest to ``pose`` that shows model ``points`` (k, 3) at ``pixels`` (k, 2)."""
+def fit_pins(mesh: Mesh, pose: Pose, points: ArrayLike, pixels: ArrayLike) -> Pose:
+    """The pose nearest to a given one by which pins have their pixels.
+
+    Args:
+        mesh: the model.
+        pose: before the drag.
+        points: (k, 3), the pins in the model's frame.
+        pixels: (k, 2), their pixels.
+    """
     points, pixels = np.atleast_2d(points), np.atleast_2d(pixels)
     if len(points) == 1:
         return with_point_at(pose, points[0], pixels[0])
@@ -221,29 +245,35 @@ def pinned(mesh: Mesh, pose: Pose, points: ArrayLike, pixels: ArrayLike) -> Pose
 
     def residuals(parameters: FloatArray) -> FloatArray:
         try:
-            shown = chart.to_pose(parameters).project(points)
+            projections = chart.to_pose(parameters).project(points)
         except OutsideChartError:
-            shown = np.full(pixels.shape, 1e6)
-        away = np.nan_to_num(shown - pixels, nan=1e6)
-        return np.append(away.ravel(), STIFFNESS * parameters)
+            projections = np.full(pixels.shape, 1e6)
+        errors = np.nan_to_num(projections - pixels, nan=1e6)
+        return np.append(errors.ravel(), STIFFNESS * parameters)
 
-    nearest = least_squares(residuals, np.zeros(len(chart.names)), method="lm", max_nfev=200)
-    return chart.to_pose(nearest.x)
+    solution = least_squares(residuals, np.zeros(len(chart.names)), method="lm", max_nfev=200)
+    return chart.to_pose(solution.x)
 
 
 def vehicle_pins(chart: VehicleChart, parameters: FloatArray) -> FloatArray:
-    """(3, 2): rear wheel, front wheel, and axle tip, ``_axle_length`` times psi from it, in px."""
+    """(3, 2): pixels of rear wheel, front wheel, and the tip of the rear axle."""
     size = np.array([chart.camera.width, chart.camera.height])
     rear = parameters[0:2] * size
-    return np.array(
-        [rear, rear + parameters[2:4] * size, rear + parameters[4:6] * _axle_length(chart)]
-    )
+    tip = rear + parameters[4:6] * _axle_length(chart)
+    return np.array([rear, rear + parameters[2:4] * size, tip])
 
 
 def with_vehicle_pin(
     chart: VehicleChart, parameters: FloatArray, pin: int, pixel: ArrayLike
 ) -> FloatArray:
-    """The parameters with one pin (0 rear, 1 front, 2 tip) at ``pixel``, the others held."""
+    """The parameters (6,) of a chart with one pin moved and the others in place.
+
+    Args:
+        chart: the vehicle's.
+        parameters: (6,), before.
+        pin: index among ``vehicle_pins``.
+        pixel: (2,), to which it goes.
+    """
     pins = vehicle_pins(chart, parameters)
     pins[pin] = pixel
     size = np.array([chart.camera.width, chart.camera.height])
@@ -254,5 +284,5 @@ def with_vehicle_pin(
 
 
 def _axle_length(chart: VehicleChart) -> float:
-    """Px at which a whole unit of psi is drawn; fixed, as each pin is two numbers of its own."""
+    """Px per unit of psi, as drawn."""
     return 0.25 * min(chart.camera.width, chart.camera.height)

@@ -1,4 +1,4 @@
-"""Edits: functions from a session to the next one, which a page or a worker asks for."""
+"""Edits: functions from a session to the next one, which pages and workers request."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,9 +11,9 @@ from poseviewer.app.state.session import Session
 
 P = ParamSpec("P")
 Px = Annotated[float, Meta(ge=-1e6, le=1e6)]
-"""Coordinate in the photo that a page may send."""
+"""Coordinate in the photo, in the range that a page may send."""
 Zoom = Annotated[float, Meta(ge=1e-3, le=1e3)]
-"""Screen px per photo px that a page may send."""
+"""Screen px per photo px, in the range that a page may send."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,14 +24,14 @@ class Edit:
     arguments: tuple[Any, ...]
     named: dict[str, Any]
     keeps_drag: bool
-    """Whether a drag under way goes on; all others end it first, so that steps stay in order."""
+    """Whether a drag goes on; other edits end it first, so that undo steps stay in order."""
 
     def __call__(self, session: Session) -> Session:
-        """The session after the edit; the same object where nothing changes."""
+        """Make the edit; the same object is returned if nothing changes."""
         return self.change(session, *self.arguments, **self.named)
 
     def calls(self, function: Callable[..., "Edit"]) -> bool:
-        """Whether it is an edit of this function, such as ``drag_to``."""
+        """Whether the edit was made by a function such as ``drag_to``."""
         return self.change is function.__wrapped__  # pyright: ignore[reportFunctionMemberAccess]
 
 
@@ -40,7 +40,7 @@ class SavePose:
     """Request to write the pose beside the photo."""
 
     on_taken: Literal["ask", "replace", "beside", "leave"] = "ask"
-    """Fate of a file that this session did not write."""
+    """What to do about a file that this session did not write."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ class ReviewRow:
 def edit(
     change: Callable[Concatenate[Session, P], Session], keeps_drag: bool = False
 ) -> Callable[P, Edit]:
-    """Make a function of a session one that gives the ``Edit``."""
+    """Decorate a function of a session: called without the session, it returns an ``Edit``."""
 
     @wraps(change)
     def make(*arguments: P.args, **named: P.kwargs) -> Edit:
@@ -71,5 +71,5 @@ def edit(
 
 
 def drag_edit(change: Callable[Concatenate[Session, P], Session]) -> Callable[P, Edit]:
-    """Make a function of a session one that gives an ``Edit`` that leaves drags as they are."""
+    """Decorate like ``edit``, for edits that do not end a drag."""
     return edit(change, keeps_drag=True)

@@ -1,4 +1,4 @@
-"""Pixels that do not count, painted over, and parts of the model that are left out."""
+"""Edits that mask pixels by strokes, and leave out parts of the model."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -19,68 +19,75 @@ from poseviewer.starts.placing import surface_hit
 Shape = Literal["brush", "polygon", "scribble"]
 SHAPES: tuple[Shape, ...] = ("brush", "polygon", "scribble")
 HIDING = (*SHAPES, "part")
-"""The tools: three that draw on the photo, and one that takes a part of the model."""
+"""Tools: three that draw on the photo, and one that leaves out a part of the model."""
 SUBPIXEL_BITS = 4
-"""Binary digits after the point of OpenCV's coordinates: sixteenths of a pixel."""
-MAX_THICKNESS = 32767
-"""px: OpenCV draws no thicker line."""
+"""Binary digits of OpenCV's subpixel coordinates: sixteenths of a pixel."""
+MAX_THICKNESS_PX = 32767
+"""Thickest line that OpenCV draws."""
 MAX_CORNERS = 4000
-"""Corners of a polygon that are filled: OpenCV's time grows with the square of its crossings."""
+"""Corners to which polygons are thinned: OpenCV's time grows with the square of crossings."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stroke:
-    """A stroke drawn on the photo in one go."""
+    """A stroke on the photo."""
 
     shape: Shape
     points: FloatArray
-    """(n, 2), px: along the line, or the polygon's corners."""
+    """(n, 2), px: the line's, or the polygon's corners."""
     radius: float
     """Half the line's width, px."""
     erase: bool = False
-    """Whether what is covered counts again."""
+    """Whether the stroke unmasks pixels."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", freeze_array(self.points, (-1, 2)))
 
     def covers(self, width: int, height: int) -> NDArray[np.bool_]:
-        """(height, width): what lies below the line, or inside the polygon."""
+        """(height, width): pixels under the line, or inside the polygon."""
         canvas = np.zeros((height, width), np.uint8)
         # OpenCV's pixel centres are at integers.
-        places = np.rint((self.points - 0.5) * 2**SUBPIXEL_BITS).astype(np.int32)
+        points = np.rint((self.points - 0.5) * 2**SUBPIXEL_BITS).astype(np.int32)
         if self.shape == "polygon":
-            corners = places[:: -(-len(places) // MAX_CORNERS)]
+            corners = points[:: -(-len(points) // MAX_CORNERS)]
             cv2.fillPoly(canvas, [corners], 1, shift=SUBPIXEL_BITS)
             return canvas > 0
-        thickness = min(max(round(2.0 * self.radius), 1), MAX_THICKNESS)
-        first, radius = places[0].tolist(), max(self.radius, 0.5) * 2**SUBPIXEL_BITS
+        thickness = min(max(round(2.0 * self.radius), 1), MAX_THICKNESS_PX)
+        first, radius = points[0].tolist(), max(self.radius, 0.5) * 2**SUBPIXEL_BITS
         cv2.circle(canvas, first, round(radius), 1, cv2.FILLED, shift=SUBPIXEL_BITS)
-        cv2.polylines(canvas, [places], False, 1, thickness, shift=SUBPIXEL_BITS)
+        cv2.polylines(canvas, [points], False, 1, thickness, shift=SUBPIXEL_BITS)
         return canvas > 0
 
 
 @edit
 def paint(session: Session, stroke: Stroke) -> Session:
-    """Hide what a stroke covers, or bring it back."""
+    """Mask or unmask the pixels under a stroke."""
     photo = session.document.photo
-    return paint_found(photo, stroke.covers(photo.width, photo.height), stroke.erase)(session)
+    return mask_pixels(photo, stroke.covers(photo.width, photo.height), stroke.erase)(session)
 
 
 @edit
-def paint_found(
-    session: Session, photo: Photo, where: NDArray[np.bool_], erase: bool = False
+def mask_pixels(
+    session: Session, photo: Photo, pixels: NDArray[np.bool_], erase: bool = False
 ) -> Session:
-    """Hide pixels ``where`` (height, width) that were found for a photo, or bring them back."""
-    document, is_own = session.document, is_for_one(session)
-    if document.photo is not photo:  # another one by now
+    """Mask or unmask pixels of the large photo, for all objects or for the active one alone.
+
+    Args:
+        session: before the edit.
+        photo: that the pixels were chosen in; nothing changes if another is shown now.
+        pixels: (height, width).
+        erase: unmask them.
+    """
+    document, is_own = session.document, masks_one_object(session)
+    if document.photo is not photo:
         return session
-    for own in (True,) if is_own else (False, True) if erase else (False,):
-        mask = document.own.mask if own else document.view.mask
+    for for_object in (True,) if is_own else (False, True) if erase else (False,):
+        mask = document.in_view.mask if for_object else document.view.mask
         before = np.ones((photo.height, photo.width), np.float32) if mask is None else mask.weights
-        weights = np.where(where, np.float32(erase), before)
+        weights = np.where(pixels, np.float32(erase), before)
         if not np.array_equal(weights, before):
             mask = None if np.all(weights == 1.0) else Mask.of(weights)
-            document = document.with_mask(mask, own)
+            document = document.with_mask(mask, for_object)
     if document is not session.document:
         if document.settings.in_front == "nothing" and not erase:
             settings = replace(document.settings, in_front="painted")
@@ -91,29 +98,29 @@ def paint_found(
 
 @drag_edit
 def forget_strokes(session: Session) -> Session:
-    """Have pages forget the strokes that they still show: those are taken, or were in vain."""
+    """Have pages remove the strokes that they draw, which are masked by now, or failed."""
     return replace(session, pen=replace(session.pen, strokes=session.pen.strokes + 1))
 
 
 @edit
 def toggle_hiding(session: Session) -> Session:
-    """Take the brush that hides, or put the tools that hide away."""
+    """Take the brush, or leave the tools that mask."""
     return replace(session, tool="pose" if session.tool in HIDING else "brush")
 
 
 @edit
 def unhide(session: Session) -> Session:
-    """Let all pixels count again, or those that the active object alone has hidden."""
-    document, is_own = session.document, is_for_one(session)
+    """Unmask all pixels, or those that are masked for the active object alone."""
+    document, is_own = session.document, masks_one_object(session)
     if not any(masks_of(session)[is_own:]):
         return session
-    document = document.with_mask(None, own=True)
+    document = document.with_mask(None, for_object=True)
     return session.with_document(document if is_own else document.with_mask(None))
 
 
 @edit
 def leave_out(session: Session, x: float, y: float) -> Session:
-    """Leave out the part of the model that is seen at a point of the photo."""
+    """Leave out the part of the model at a pixel."""
     document = session.document
     mesh = document.mesh
     hit = surface_hit(mesh, document.pose, np.array([x, y]))
@@ -125,7 +132,7 @@ def leave_out(session: Session, x: float, y: float) -> Session:
 
 @edit
 def bring_back(session: Session, index: int) -> Session:
-    """Bring back a part that was left out, by its place among them."""
+    """Bring back a part by its index among those left out."""
     mesh = session.document.mesh
     if not 0 <= index < len(mesh.left_out):
         return session
@@ -135,38 +142,41 @@ def bring_back(session: Session, index: int) -> Session:
 
 @edit
 def hide_found(session: Session) -> Session:
-    """Hide what the search took for something in front, to be corrected."""
-    in_front, document = found_hidden(session), session.document
-    if in_front is None:
+    """Mask the pixels that the search took for occluders, for the user to correct."""
+    occluded, document = occlusion_pixels(session), session.document
+    if occluded is None:
         return session
-    result, at = document.object.result, document.at
-    if result is not None:  # the same pixels were compared
-        hidden = (*result.hidden[:at], None, *result.hidden[at + 1 :])
-        document = document.with_object(result=replace(result, hidden=hidden))
-    mask = document.own.mask
-    weights = ~in_front if mask is None else mask.weights * ~in_front
-    return session.with_document(document.with_own(mask=Mask.of(weights)))
+    result = document.object.result
+    if result is not None:  # stays valid: the same pixels were compared
+        hidden = list(result.hidden)
+        hidden[document.view_index] = None
+        document = document.with_object(result=replace(result, hidden=tuple(hidden)))
+    mask = document.in_view.mask
+    weights = ~occluded if mask is None else mask.weights * ~occluded
+    return session.with_document(document.with_in_view(mask=Mask.of(weights)))
 
 
-def is_for_one(session: Session) -> bool:
-    """Whether strokes are about the active one of several objects alone."""
+def masks_one_object(session: Session) -> bool:
+    """Whether strokes mask pixels for the active one of several objects alone."""
     return session.pen.for_one and len(session.document.scene.objects) > 1
 
 
 def masks_of(session: Session) -> tuple[Mask | None, Mask | None]:
-    """The masks of the large photo, and of the active object alone there."""
-    return session.document.view.mask, session.document.own.mask
+    """Masks of the large view, and of the active object alone in it."""
+    return session.document.view.mask, session.document.in_view.mask
 
 
-def found_hidden(session: Session) -> NDArray[np.bool_] | None:
-    """(height, width): what the search that led to the pose at hand took for something in front."""
-    own, progress = session.document, session.own_progress
-    if own.object.result is not None:
-        return own.object.result.hidden[own.at] if own.object.result.hidden else None
+def occlusion_pixels(session: Session) -> NDArray[np.bool_] | None:
+    """(height, width): pixels that the search for the current pose took for occluders."""
+    document, progress = session.document, session.own_progress
+    result, view_index = document.object.result, document.view_index
+    if result is not None:
+        return result.hidden[view_index] if result.hidden else None
     if progress is None or session.is_searching:
         return None
     # The search was stopped.
-    view = next(view for view in progress.problem.views if view.view_index == own.at)
+    view = next(view for view in progress.problem.views if view.view_index == view_index)
     if view.occluded is None:
         return None
-    return enlarge_mask(view.occluded, view.photo.factor, own.photo.width, own.photo.height)
+    photo = document.photo
+    return enlarge_mask(view.occluded, view.photo.factor, photo.width, photo.height)

@@ -1,4 +1,4 @@
-"""Undo and redo: the documents before and after the one at hand."""
+"""History for undo and redo."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from poseviewer.app.state.document import Document
 
 MAX_STEPS = 200
-"""Undo steps that are kept."""
 MAX_OPENED = 4
-"""Photos (or sets of them), and models beside those at hand, that undo steps keep in memory."""
+"""Number of photos (or sets), and of models beside the open ones, that undo keeps in memory."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class History:
-    """The documents before and after the one at hand."""
+    """The documents before and after the current one."""
 
     past: tuple[Document, ...] = ()
     future: tuple[Document, ...] = ()
@@ -24,26 +23,26 @@ class History:
     def with_step(
         self, before: Document, after: Document | None = None, key: object = None
     ) -> History:
-        """Add a step, and forget what was undone; steps in a row with one ``key`` are one."""
+        """Add a step and drop undone ones; consecutive steps with the same ``key`` are one."""
         is_same = key is not None and self.last_step == (key, before) and not self.future
-        past = self.past if is_same else _bounded((*self.past, before))
+        past = self.past if is_same else _drop_oldest((*self.past, before))
         return History(past, last_step=(key, after))
 
     def undo(self, now: Document) -> tuple[History, Document]:
-        """Go one step back, if there is one."""
+        """Undo a step, if there is one."""
         if not self.past:
             return self, now
         return History(self.past[:-1], (now, *self.future)), self.past[-1]
 
     def redo(self, now: Document) -> tuple[History, Document]:
-        """Go one step on again, if there is one."""
+        """Redo a step, if there is one."""
         if not self.future:
             return self, now
-        return History(_bounded((*self.past, now)), self.future[1:]), self.future[0]
+        return History(_drop_oldest((*self.past, now)), self.future[1:]), self.future[0]
 
 
-def _bounded(past: tuple[Document, ...]) -> tuple[Document, ...]:
-    """The last steps, over no more than the allowed number of photos and of models."""
+def _drop_oldest(past: tuple[Document, ...]) -> tuple[Document, ...]:
+    """The newest steps within the limits."""
     past = past[-MAX_STEPS:]
     photos, meshes = set(), set()
     max_meshes = MAX_OPENED + len(past[-1].scene.objects) - 1

@@ -9,9 +9,8 @@ from poseviewer.app.state.document_edits import redo, undo
 from poseviewer.app.state.edits import Edit, ReviewRow, SavePose, ShowHelp
 from poseviewer.app.state.hiding import hide_found, toggle_hiding, unhide
 from poseviewer.app.state.marking import clear_marks, remove_mark
-from poseviewer.app.state.measuring import toggle_measuring
 from poseviewer.app.state.objects import add_object
-from poseviewer.app.state.pointer_edits import cancel_drag, set_tool
+from poseviewer.app.state.pointer_edits import cancel_drag, set_tool, toggle_measuring
 from poseviewer.app.state.pose_edits import NudgeKind, make_start, nudge, reset_to_start
 from poseviewer.app.state.proposal_edits import propose_starts, step_proposals, toggle_box
 from poseviewer.app.state.search_edits import (
@@ -33,13 +32,11 @@ NUDGES: Mapping[tuple[str, str], tuple[NudgeKind, float, float]] = {
     ("U", "O"): ("roll", 1.0, 0.0),
     ("page down", "page up"): ("scale", 1.0, 0.0),
 }
-"""Small step of the pose, by the keys for it backwards and forwards."""
+"""Small step of the pose by the keys for it, backwards and forwards."""
 CODES = {"space": "Space", "Esc": "Escape", "?": "?", "page up": "PageUp", "page down": "PageDown"}
-"""``event.code`` (of ``?`` ``event.key``) of keys that are neither letters, digits nor arrows."""
-
+"""``event.code`` of keys but letters, digits and arrows; for ``?`` ``event.key``."""
 LEFT_WITH_CTRL = tuple("FRBHMAXNP123450")
-"""Keys that the browser has while ctrl is held: find, reload, and so on."""
-
+"""Keys that stay the browser's while ctrl is held: find, reload, and so on."""
 BOX = "Draw a rectangle about the object; starting poses are proposed there"
 PROPOSE = "Look for starting poses, in the box, the region or the whole photo"
 SEARCH = "Start, stop the search"
@@ -47,7 +44,8 @@ HIDE = "Hide what is in front: wheel brush size, alt erase"
 HIDE_FOUND = "Hide what the search took for something in front, to be corrected"
 COMPARE = "Search from the start by one loss, then by the other, and set the ends side by side"
 MEASURE = "Measure points of models, and the distance of two"
-REGION, DRAWING = "Compare what lies in a rectangle alone", "Drag on the photo ..."
+REGION = "Compare what lies in a rectangle alone"
+DRAWING = "Drag on the photo ..."
 END = "Let go, leave a tool, stop what is looked for or read"
 
 
@@ -58,26 +56,26 @@ class Action:
     request: Edit | SavePose | ShowHelp | ReviewRow | Literal["showAll"]
     """``showAll`` is a function of the page's script."""
     step: Literal["Open", "Place", "Fit", "Judge", "Save", "Review", ""]
-    """Tab of its button, or of the work in which its keys are used; "": any."""
+    """Tab of the button and of the keys; "": any."""
     name: str
-    """Text of the button or checkbox; "" for none."""
+    """Text of the button or checkbox; "": there is none."""
     tooltip: str
-    """Sentence of the button's tooltip and of the help dialog; "": the dialog has another row."""
+    """Tooltip, also in the help dialog; "": ``GESTURES`` has it."""
     keys: str = ""
-    """Names of its keys in the help dialog, with commas between."""
+    """Keys as named in the help dialog, with commas between."""
     end: str = ""
-    """Text of the button while it would end what it began."""
+    """Text of the button while it ends what it began."""
     opens: Literal["", "forward", "always"] = ""
-    """Whether its keys open its step: unless a later step is open, or always."""
+    """Whether the keys open the step: only from an earlier one, or always."""
 
     def label(self, ends: bool = False) -> str:
-        """Label of the button, with its first key; ``ends``: while it would end what it began."""
+        """Label of the button, with its first key; ``ends`` chooses the text ``end``."""
         text = self.end if ends else self.name
         return f"{text} ({self.keys.split(', ')[0]})" if self.keys else text
 
     @property
     def codes(self) -> tuple[str, ...]:
-        """``event.code`` of the keys, some with "shift " before; ctrl makes no difference."""
+        """``event.code`` of the keys, with "shift " before where it is held; ctrl is ignored."""
         return tuple(map(_code, filter(None, self.keys.split(", "))))
 
 
@@ -114,7 +112,9 @@ ACTIONS: Mapping[str, Action] = {
     "hide found": Action(hide_found(), "Fit", "Hide what the search found", HIDE_FOUND),
     "unhide": Action(unhide(), "Fit", "Clear hidden areas", "Let all pixels count again"),
     "compare": Action(compare_losses(), "Fit", "Compare both losses", COMPARE),
-    "region": Action(set_tool("region"), "Fit", "Draw a region", REGION, end=DRAWING),
+    "region": Action(
+        set_tool("region"), "Fit", "Draw a region", REGION, end="Drag on the photo ..."
+    ),
     "clear region": Action(clear_region(), "Fit", "Clear the region", "Compare the whole photo"),
     **{style: Action(show_style(style), "Judge", "", "", key) for key, style in STYLES.items()},
     "blink": Action(toggle_model(), "Judge", "Photo alone", "Blink: photo, model", "B"),
@@ -135,7 +135,7 @@ ACTIONS: Mapping[str, Action] = {
 }
 """Every button and key by its name."""
 KEYS = {code: action for action in ACTIONS.values() for code in action.codes}
-"""The action of each key, some with "shift " before."""
+"""Action of each of ``Action.codes``."""
 GESTURES = {
     "drag": "Move the model; a pin, if you hit one",
     "shift + drag": "Turn it as a ball about its centre",
@@ -153,17 +153,15 @@ GESTURES = {
 
 
 def help_table() -> str:
-    """Make the table of gestures and keys, with the step of each (markdown)."""
-    keyed = [(own.keys, own.tooltip, own.step) for own in ACTIONS.values() if own.keys]
-    rows = [*((keys, does, "") for keys, does in GESTURES.items()), *filter(lambda r: r[1], keyed)]
-    head = "| | | |\n|---|---|---|\n"
-    return head + "".join(
-        f"| **{keys.replace(', ', '**, **')}** | {does} | {step} |\n" for keys, does, step in rows
-    )
+    """Make the markdown table of gestures and keys, with the step of each."""
+    rows = [(keys, does, "") for keys, does in GESTURES.items()]
+    rows += [(a.keys, a.tooltip, a.step) for a in ACTIONS.values() if a.keys and a.tooltip]
+    lines = (f"| **{k.replace(', ', '**, **')}** | {does} | {step} |\n" for k, does, step in rows)
+    return "| | | |\n|---|---|---|\n" + "".join(lines)
 
 
 def client_keys() -> dict[str, dict[str, object]]:
-    """Make the table of keys for the page's script, by their codes, as ``client.js`` says."""
+    """Make the table of keys for ``client.js``, where it is described."""
     return {
         code.split()[-1]: {
             "call": action.request if action.request == "showAll" else "",

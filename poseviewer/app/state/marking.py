@@ -1,9 +1,11 @@
-"""Quick starts: marks are set, moved and removed, and the pose follows from them."""
+"""Marks for quick starts: edits that set, move and remove them and solve for the pose."""
+
+from itertools import chain
 
 import numpy as np
 
 from poseviewer.app.state.document import UNLOCK, WHEELS, Document, Marks, label_of
-from poseviewer.app.state.dragging import Drag, nearest_place
+from poseviewer.app.state.dragging import Drag, nearest_point
 from poseviewer.app.state.edits import edit
 from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError
@@ -18,56 +20,47 @@ from poseviewer.starts.point_pairs import (
     likeliest,
     poses_from_pairs,
 )
+from poseviewer.starts.wheels import FoundWheels
 from poseviewer.vehicle.vehicle_keypoints import keypoints_from_side
-from poseviewer.vehicle.wheel_pose import MIN_RIM_POINTS, Ellipse, Wheels, poses_from_wheels
+from poseviewer.vehicle.wheel_pose import MIN_RIM_POINTS, Wheels, poses_from_wheels
 
 MARKING = {"pairs": ("pixels", "points"), "wheels": ("rims",)}
-"""Fields of ``Marks`` by each tool that sets marks, the places on the photo first."""
+"""Fields of ``Marks`` that each tool sets; the first holds pixels."""
 MAX_PAIRS = 24
 
 
 def marks_in_photo(marks: Marks, tool: str) -> FloatArray:
-    """(n, 2): where the marks of a tool are, px."""
+    """(n, 2): pixels of a tool's marks."""
     return np.array(getattr(marks, MARKING[tool][0])).reshape(-1, 2)
 
 
-def mark_at(document: Document, tool: str, point: FloatArray, zoom: float) -> int | None:
-    """Index of a mark; none while a pair waits for its place in the photo.
-
-    Args:
-        document: what is open.
-        tool: a key of ``MARKING``.
-        point: (2,), px of the photo.
-        zoom: screen px per photo px.
-    """
-    if tool == "pairs" and document.marks.waits_for_pixel:
+def mark_at(session: Session, point: FloatArray, zoom: float) -> int | None:
+    """Index of the tool's mark at ``point``; None also while a pair still needs its pixel."""
+    marks = session.document.marks
+    if session.tool == "pairs" and marks.waits_for_pixel:
         return None
-    return nearest_place(marks_in_photo(document.marks, tool), point, zoom)
+    return nearest_point(marks_in_photo(marks, session.tool), point, zoom)
 
 
-def hold_mark(held: Document, tool: str, mark: int, start: FloatArray) -> Drag:
-    """Take hold of a mark; of point pairs the pose follows at once.
-
-    Args:
-        held: the document when it is taken.
-        tool: a key of ``MARKING``.
-        mark: index of the mark.
-        start: (2,), px of the photo: where the pointer took it.
-    """
-    places, name = marks_in_photo(held.marks, tool), MARKING[tool][0]
+def hold_mark(session: Session, mark: int, start: FloatArray) -> Drag:
+    """Take hold of a mark at a point (2,). The pose follows point pairs during the drag."""
+    tool = session.tool
+    pixels, name = marks_in_photo(session.document.marks, tool), MARKING[tool][0]
 
     def follow(document: Document, point: FloatArray) -> Document:
-        moved = np.array(places)
-        moved[mark] += point - start
-        document = document.with_marks(**{name: tuple(moved)})
-        return document if tool == "wheels" else solve_marks(document, tool)
+        dragged = np.array(pixels)
+        dragged[mark] += point - start
+        document = document.with_marks(**{name: tuple(dragged)})
+        return document if tool == "wheels" else solve_pose(document, tool)
 
     return Drag(follow)
 
 
 @edit
 def mark_model(session: Session, u: float, v: float) -> Session:
-    """Mark, or mark anew, the model's point at shares of its picture, from left and below."""
+    """Mark a point of the model at shares (u, v) of its picture, from the lower left corner; a
+    point that still needs its pixel is replaced.
+    """
     if session.results.alone is None or not session.marks_model:
         return session
     document, (pose, _) = session.document, session.results.alone
@@ -78,7 +71,7 @@ def mark_model(session: Session, u: float, v: float) -> Session:
 
 
 def with_mark(document: Document, tool: str, point: FloatArray) -> Document:
-    """The document with a mark more at ``point`` (2,) of the photo, and the pose that follows."""
+    """The document with a further mark at a pixel ``point`` (2,), and the pose by all marks."""
     marks = document.marks
     if tool == "wheels" and document.model.keypoints is None:
         raise QuickStartError("Press the middle of the model's wheels at the right first.")
@@ -88,12 +81,12 @@ def with_mark(document: Document, tool: str, point: FloatArray) -> Document:
         if not document.object.is_placed:
             raise QuickStartError("Click a point of the model at the right first.")
         return _with_model_point(document, tool, point, document.pose)
-    places = (*marks_in_photo(marks, tool), point)
-    return solve_marks(document.with_marks(**{MARKING[tool][0]: places}), tool)
+    pixels = (*marks_in_photo(marks, tool), point)
+    return solve_pose(document.with_marks(**{MARKING[tool][0]: pixels}), tool)
 
 
 def _with_model_point(document: Document, tool: str, point: FloatArray, pose: Pose) -> Document:
-    """The document with a mark on the model, which a picture shows at ``point`` (2,)."""
+    """Document with a mark on the model, at ``point`` (2,) of a picture by ``pose``."""
     points, surface = document.marks.points, surface_point(document.mesh, pose, point)
     if surface is None:
         raise QuickStartError("There is no model there; click a point of it as it is drawn.")
@@ -105,7 +98,7 @@ def _with_model_point(document: Document, tool: str, point: FloatArray, pose: Po
 
 
 def _with_hub(document: Document, hub: FloatArray) -> Document:
-    """The document with the rear wheel's hub (3,), or with the key points by the front one's."""
+    """Document with the rear wheel's hub (3,), or with key points once the front one is there."""
     mesh, hubs = document.mesh, document.marks.hubs
     if not hubs:
         return document.with_marks(hubs=(hub,))
@@ -119,24 +112,23 @@ def _with_hub(document: Document, hub: FloatArray) -> Document:
 
 @edit
 def remove_mark(session: Session, index: int | None = None) -> Session:
-    """Take a mark of the tool away, by default the last, half a pair alone; the pose follows."""
+    """Remove a mark of the tool, by default the last one, and solve for the pose again."""
     document = session.document
-    marks = session.document.marks
-    tool = session.tool
+    marks, tool = document.marks, session.tool
     if tool == "pairs" and index is None and marks.waits_for_pixel:
         return session.with_document(document.with_marks(points=marks.points[:-1]))
     lists = {name: list(getattr(marks, name)) for name in MARKING.get(tool, ())}
     if not any(lists.values()):
         return session
-    for places in lists.values():
-        del places[-1 if index is None else index]
-    left = {name: tuple(places) for name, places in lists.items()}
-    return session.with_document(solve_marks(document.with_marks(**left), tool))
+    for values in lists.values():
+        del values[-1 if index is None else index]
+    left = {name: tuple(values) for name, values in lists.items()}
+    return session.with_document(solve_pose(document.with_marks(**left), tool))
 
 
 @edit
 def clear_marks(session: Session) -> Session:
-    """Take all marks of the tool at hand away; the pose stays."""
+    """Remove all marks of the tool; the pose stays."""
     names = MARKING.get(session.tool, ())
     if not any(getattr(session.document.marks, name) for name in names):
         return session
@@ -145,29 +137,20 @@ def clear_marks(session: Session) -> Session:
 
 
 @edit
-def lay_wheels(
-    session: Session, sought: Document, rear: Ellipse, front: Ellipse, pose: Pose
-) -> Session:
-    """Mark both rims by ellipses that were found in a document, and take the pose they give.
-
-    Args:
-        session: the session before it.
-        sought: the document in which they were found.
-        rear: rim of the rear wheel, px.
-        front: rim of the front wheel, px.
-        pose: the pose that they give.
-    """
+def lay_wheels(session: Session, searched: Document, wheels: FoundWheels) -> Session:
+    """Mark wheels that were found in a document by their rims, and take their pose."""
     document = session.document
-    if document.shown != sought.shown:
+    if document.shown != searched.shown:
         raise QuickStartError(
             "The wheels were found in another photo or for another model; look for them again."
         )
-    rims = (*rear.outline(MIN_RIM_POINTS), *front.outline(MIN_RIM_POINTS))
-    return session.with_document(document.with_marks(rims=rims, note="").at_pose(pose))
+    outlines = (ellipse.outline(MIN_RIM_POINTS) for ellipse in wheels.wheels)
+    marked = document.with_marks(rims=tuple(chain(*outlines)), note="")
+    return session.with_document(marked.at_pose(wheels.fit.pose))
 
 
-def solve_marks(document: Document, tool: str) -> Document:
-    """Document with the pose that a tool's marks give; where they give none, with a note."""
+def solve_pose(document: Document, tool: str) -> Document:
+    """The document with the pose by a tool's marks, or a note why there is none."""
     try:
         pose = _pose_of_wheels(document) if tool == "wheels" else _pose_of_pairs(document)
     except QuickStartError as error:
@@ -179,12 +162,12 @@ def solve_marks(document: Document, tool: str) -> Document:
 
 
 def pair_errors(document: Document) -> FloatArray:
-    """(n,): how far, in px, each pair that is done is off at the pose at hand."""
+    """(n,): reprojection error of each complete pair, px."""
     return fit_of(document.pose, *document.marks.correspondences).errors_px
 
 
 def _pose_of_pairs(document: Document) -> Pose | None:
-    """The pose, and with a free focal length and enough pairs the camera; None: too few yet."""
+    """Pose by the pairs, with the focal length if it is free and they suffice; None: too few."""
     (points, pixels), pose = document.marks.correspondences, document.pose
     if len(points) < fewest_pairs(pose.camera):
         return None
@@ -197,7 +180,7 @@ def _pose_of_pairs(document: Document) -> Pose | None:
 
 
 def _pose_of_wheels(document: Document) -> Pose | None:
-    """The pose of two wheels; None: they are not both outlined yet."""
+    """Pose by two wheels; None: they are not both outlined yet."""
     ellipses, keypoints = document.marks.ellipses, document.model.keypoints
     if len(ellipses) < WHEELS or keypoints is None:
         return None

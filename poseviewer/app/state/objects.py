@@ -1,4 +1,4 @@
-"""Edits of the list of objects and of the strip of views, and a sentence on symmetry."""
+"""Edits of the list of objects and of the strip of views."""
 
 from dataclasses import replace
 from typing import Any
@@ -12,30 +12,31 @@ from poseviewer.scene.types import InView, SceneObject
 from poseviewer.starts.placing import look_from
 
 MAX_OBJECTS = 30
-"""Number of objects, each of which is kept in memory and drawn."""
+"""Number of objects; each is kept in memory and drawn."""
 MAX_LETTERS = {"name": 60, "note": 1000}
-"""Letters of an object's texts: a line of the list, and a paragraph."""
+"""Length of an object's texts: a line of the list, and a paragraph."""
 
 
 @edit
-def pick_object(session: Session, number: int) -> Session:
-    """Make another object active. No step: undo leads to what was done before."""
-    return session.with_active(session.document.scene.index(str(number)))
+def pick_object(session: Session, object_id: int) -> Session:
+    """Make an object active, by its id; no undo step."""
+    return session.with_active(session.document.scene.index(str(object_id)))
 
 
 @edit
 def add_object(session: Session, model: ModelFile | None = None) -> Session:
-    """Add an object, active and still to be placed; None: of the active one's model."""
+    """Add an object without a pose and make it active; default: of the active one's model."""
     document = session.document
-    added = session.with_document(with_added(document, model or document.model))
-    display = replace(added.display, photo_alone=False)
-    return replace(added, tool="pose", display=display).opened
+    session = session.with_document(with_added(document, model or document.model))
+    display = replace(session.display, photo_alone=False)
+    return replace(session, tool="pose", display=display).with_first_proposals
 
 
 def with_added(document: Document, model: ModelFile) -> Document:
-    """The document with one more object of a model, active, compared as the one before.
+    """The document with a further, active object; settings and views are the active one's.
 
-    Raises ``SettingsError``: too many, different units, or an unknown scale of several views.
+    Raises:
+        SettingsError: too many objects, different units, or a free scale of several views.
     """
     if len(document.scene.objects) >= MAX_OBJECTS:
         raise SettingsError(f"{MAX_OBJECTS} objects are the most in one scene; remove one first")
@@ -46,54 +47,53 @@ def with_added(document: Document, model: ModelFile) -> Document:
             "of a scene have to be in one unit; scale one of the files"
         )
     pose = look_from("three-quarter", model.mesh, model.keypoints, document.pose.camera)
-    place = document.view.world_from_model(pose, like.world_from_model.scale)
-    settings = replace(like.settings, lock=())
-    in_views = tuple(InView(is_compared=own.is_compared) for own in like.in_views)
-    number = 1 + max(int(one.id) for one in document.scene.objects)
-    new = SceneObject(
-        id=str(number),
+    world_from_model = document.view.world_from_model(pose, like.world_from_model.scale)
+    objects = document.scene.objects
+    added = SceneObject(
+        id=str(1 + max(int(item.id) for item in objects)),
         model=model,
-        world_from_model=place,
-        start=place,
+        world_from_model=world_from_model,
+        start=world_from_model,
         start_cameras=tuple(view.camera for view in document.scene.views),
-        settings=settings,
-        in_views=in_views,
+        settings=replace(like.settings, lock=()),
+        in_views=tuple(InView(is_compared=own.is_compared) for own in like.in_views),
         is_placed=False,
     )
-    scene = replace(document.scene, objects=(*document.scene.objects, new))
-    states = (*document.states, ObjectState())
-    return replace(document, scene=scene, states=states, active=len(document.scene.objects))
+    scene, states = replace(document.scene, objects=(*objects, added)), document.states
+    return replace(document, scene=scene, states=(*states, ObjectState()), active=len(objects))
 
 
 @edit
-def remove_object(session: Session, number: int) -> Session:
-    """Remove one of several objects."""
+def remove_object(session: Session, object_id: int) -> Session:
+    """Remove one of several objects, by its id."""
     document = session.document
-    index = document.scene.index(str(number))
+    index = document.scene.index(str(object_id))
     if len(document.scene.objects) == 1:
         raise SettingsError("this is the only object; open another model in its place")
     return session.with_document(document.without(index))
 
 
 @edit
-def alter_object(session: Session, number: int, **changes: Any) -> Session:
-    """Change ``hidden``, ``locked`` or a text of an object."""
-    index = session.document.scene.index(str(number))
-    one = session.document.scene.objects[index]
+def alter_object(session: Session, object_id: int, **changes: Any) -> Session:
+    """Change ``hidden``, ``locked`` or a text of an object, by its id."""
+    index = session.document.scene.index(str(object_id))
+    item = session.document.scene.objects[index]
     texts = changes.keys() & MAX_LETTERS.keys()
     changes |= {key: changes[key][: MAX_LETTERS[key]] for key in texts}
-    if all(getattr(one, key) == value for key, value in changes.items()):
+    if all(getattr(item, key) == value for key, value in changes.items()):
         return session
-    key = f"{min(texts)} {number}" if texts else None
+    key = f"{min(texts)} {object_id}" if texts else None
     return session.with_document(session.document.with_object(index, **changes), key)
 
 
 @edit
-def show_view(session: Session, index: int) -> Session:
-    """Show another view large. No step: undo leads to what was done before; a search goes on."""
-    if index == session.document.at or not 0 <= index < len(session.document.scene.views):
+def show_view(session: Session, view_index: int) -> Session:
+    """Show another view large; no undo step, and a search goes on."""
+    if view_index == session.document.view_index or not 0 <= view_index < len(
+        session.document.scene.views
+    ):
         return session
-    document, anchor = session.document.with_view(index), session.compared
+    document, anchor = session.document.with_view(view_index), session.compared_scene
     if not is_in_sight(document):
         name = document.view.name
         raise SettingsError(f"{name} does not show the model where it is now")
@@ -101,21 +101,21 @@ def show_view(session: Session, index: int) -> Session:
 
 
 @edit
-def compare_view(session: Session, index: int, on: bool) -> Session:
-    """Compare the active object with a view, or leave it out."""
+def compare_view(session: Session, view_index: int, on: bool) -> Session:
+    """Compare the active object with a view, or leave the view out."""
     document = session.document
     compared = [own.is_compared for own in document.object.in_views]
-    if not 0 <= index < len(compared) or compared[index] is on:
+    if not 0 <= view_index < len(compared) or compared[view_index] is on:
         return session
     if not on and sum(compared) == 1:
         raise SettingsError("one photo at least is compared: switch another one on first")
-    # What a search said was said by other photos.
-    changed = document.with_view(index).with_own(is_compared=on)
-    return session.with_document(changed.with_object(result=None).with_view(document.at))
+    # The result was by other photos.
+    changed = document.with_view(view_index).with_in_view(is_compared=on)
+    return session.with_document(changed.with_object(result=None).with_view(document.view_index))
 
 
 def symmetry_text(item: SceneObject) -> str:
-    """Say which poses count as one."""
+    """Say which poses of an object are equivalent."""
     if item.model.symmetry.is_none:
         return "no symmetry"
     if item.without:

@@ -1,4 +1,4 @@
-"""Edits of the active object's pose by numbers, buttons and maps."""
+"""Edits of the active object's pose by fields, buttons and maps."""
 
 import math
 from contextlib import suppress
@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poseviewer.app.state.document import Document, scale_at
-from poseviewer.app.state.dragging import rolled, scaled_about, shifted, turned
+from poseviewer.app.state.dragging import roll, rotate, scale_about, translate
 from poseviewer.app.state.edits import edit
 from poseviewer.app.state.session import Session
 from poseviewer.errors import SettingsError
@@ -27,12 +27,12 @@ NUDGE_SCALE = 1.01
 
 
 def move_to(document: Document, pose: Pose) -> Document:
-    """Document at a new pose; among views of unknown scale, at the scale by which they see it."""
+    """The document at a pose; if the scale of its views is free, at the triangulated scale."""
     scale = None
     if document.scene.free_scale:
         with suppress(SettingsError):
             views, name = document.scene.views, document.scene.name
-            scale = 1.0 / scale_by_rays(views, document.at, document.mesh, pose, name)
+            scale = 1.0 / scale_by_rays(views, document.view_index, document.mesh, pose, name)
     return document.at_pose(pose, scale=scale)
 
 
@@ -41,60 +41,59 @@ def nudge(session: Session, kind: NudgeKind, x: float = 0.0, y: float = 0.0) -> 
     """Change the pose by small steps.
 
     Args:
-        session: the session before it.
-        kind: what is changed.
-        x: steps to the right; of a roll and a scale, their number.
+        session: before the edit.
+        kind: motion; "move" and "turn" go along ``x`` and ``y``, "roll" and "scale" by ``x``.
+        x: steps to the right.
         y: steps down.
     """
     pose, centre = session.document.pose, session.document.mesh.centre
     match kind:
         case "move":
-            pose = shifted(pose, centre, NUDGE_MOVE_PX * np.array([x, y]))
+            pose = translate(pose, centre, NUDGE_MOVE_PX * np.array([x, y]))
         case "turn":
-            # To the right: about the downward axis, so that the near side follows.
-            pose = turned(pose, centre, NUDGE_TURN * np.array([y, -x, 0.0]))
+            # The near side follows.
+            pose = rotate(pose, centre, NUDGE_TURN * np.array([y, -x, 0.0]))
         case "roll":
-            pose = rolled(pose, centre, NUDGE_TURN * x)
+            pose = roll(pose, centre, NUDGE_TURN * x)
         case "scale":
-            pose = scaled_about(pose, centre, NUDGE_SCALE**x)
+            pose = scale_about(pose, centre, NUDGE_SCALE**x)
     return session.with_pose(pose)
 
 
 def pose_numbers(pose: Pose) -> dict[str, float]:
-    """X, Y, Z and distance of the model's origin in the camera's frame, in the model's unit; turns
-    about the camera's x, y and z axes, in this order, in degrees; focal length in px. Under
-    parallel projection there is a scale, px per unit, and neither Z nor distance.
+    """X, Y, Z and distance of the model's origin in the camera's frame, in the model's unit; Euler
+    angles about the camera's fixed axes x, y, z in this order, in degrees; focal length in px.
+    Parallel projection has a scale, px per unit, in place of Z, distance and focal length.
     """
-    place, turn = pose.camera_from_model.translation, pose.camera_from_model.rotation
-    turns = (
-        math.atan2(turn[2, 1], turn[2, 2]),
-        math.atan2(-turn[2, 0], math.hypot(turn[2, 1], turn[2, 2])),
-        math.atan2(turn[1, 0], turn[0, 0]),
+    translation, rotation = pose.camera_from_model.translation, pose.camera_from_model.rotation
+    angles = (
+        math.atan2(rotation[2, 1], rotation[2, 2]),
+        math.atan2(-rotation[2, 0], math.hypot(rotation[2, 1], rotation[2, 2])),
+        math.atan2(rotation[1, 0], rotation[0, 0]),
     )
-    said = dict(zip("XYZ", map(float, place), strict=True))
-    said |= {"distance": float(np.linalg.norm(place))}
-    said |= {f"turn {axis}": math.degrees(angle) for axis, angle in zip("xyz", turns, strict=True)}
+    turns = {f"turn {axis}": math.degrees(angle) for axis, angle in zip("xyz", angles, strict=True)}
+    x, y, z = map(float, translation)
     if isinstance(pose.camera, Parallel):
-        del said["Z"], said["distance"]
-        return {**said, "scale": pose.camera.scale}
-    return {**said, "focal": pose.camera.fx}
+        return {"X": x, "Y": y, **turns, "scale": pose.camera.scale}
+    distance = float(np.linalg.norm(translation))
+    return {"X": x, "Y": y, "Z": z, "distance": distance, **turns, "focal": pose.camera.fx}
 
 
 def with_number(pose: Pose, name: str, value: float) -> Pose:
     """The pose with another value of ``pose_numbers``, except of distance and focal length."""
     numbers = pose_numbers(pose) | {name: value}
     depth = pose.camera_from_model.translation[2]
-    turns = [numbers[f"turn {axis}"] for axis in "xyz"]
-    place = np.array([numbers["X"], numbers["Y"], numbers.get("Z", depth)])
+    angles = [numbers[f"turn {axis}"] for axis in "xyz"]
+    translation = np.array([numbers["X"], numbers["Y"], numbers.get("Z", depth)])
     if isinstance(pose.camera, Parallel):
         pose = replace(pose, camera=replace(pose.camera, scale=numbers["scale"]))
-    rotation = Rotation.from_euler("xyz", turns, degrees=True).as_matrix()
-    return replace(pose, camera_from_model=RigidTransform(rotation, place))
+    rotation = Rotation.from_euler("xyz", angles, degrees=True).as_matrix()
+    return replace(pose, camera_from_model=RigidTransform(rotation, translation))
 
 
 @edit
 def set_number(session: Session, name: str, value: float) -> Session:
-    """Set one of ``pose_numbers``; what is typed in its field is one undoable step."""
+    """Set one of ``pose_numbers``; all typing in one field is one undo step."""
     pose = session.document.pose
     if not math.isfinite(value) or name not in pose_numbers(pose):
         raise SettingsError(f"{name} = {value} is no number of the pose")
@@ -105,7 +104,7 @@ def set_number(session: Session, name: str, value: float) -> Session:
 
 @edit
 def set_parameter(session: Session, name: str, value: float) -> Session:
-    """Set a parameter of the chart by its name; what is typed in its field is one undoable step."""
+    """Set a parameter of the chart by its name; all typing in one field is one undo step."""
     chart, parameters = session.document.chart, np.array(session.document.parameters)
     if name not in chart.names or not math.isfinite(value):
         raise SettingsError(f"{name} = {value} is no parameter of the chart")
@@ -119,60 +118,51 @@ def set_parameter(session: Session, name: str, value: float) -> Session:
 
 @edit
 def pick_in_landscape(session: Session, first: int, second: int, u: float, v: float) -> Session:
-    """Go to a point of a map.
+    """Take the pose at a point of a map.
 
     Args:
-        session: the session before it.
-        first: index of the map's first parameter.
-        second: index of its second parameter.
-        u: place from the left, in [0, 1].
-        v: place from below, in [0, 1].
+        session: before the edit.
+        first: index of the parameter along the map's width.
+        second: index of the parameter along its height.
+        u: share of the width, from the left.
+        v: share of the height, from below.
     """
     for landscape in session.results.landscapes:
         for piece in landscape.slices:
             if (piece.first, piece.second) == (first, second):
-                parameters = parameters_at(piece, landscape.parameters, u, v)
-                picked = session.document.at_numbers(landscape.problem, parameters)
-                return session.with_document(picked)
+                parameters = parameters_at(piece, landscape.parameters, (u, v))
+                document = session.document.at_params(landscape.problem, parameters)
+                return session.with_document(document)
     return session
 
 
-def parameters_at(piece: Slice, centre: FloatArray, u: float, v: float) -> FloatArray:
-    """(d,): parameters at a place of a map.
-
-    Args:
-        piece: the map.
-        centre: (d,), the parameters that it is about.
-        u: place from the left, cut to [0, 1].
-        v: place from below, cut to [0, 1].
-    """
+def parameters_at(piece: Slice, centre: FloatArray, point: tuple[float, float]) -> FloatArray:
+    """(d,): parameters at a ``point`` (u, v), clipped to [0, 1], of a map about ``centre`` (d,)."""
     parameters = np.array(centre, dtype=float)
-    parameters[piece.first] = np.interp(u, [0.0, 1.0], piece.first_values[[0, -1]])
-    parameters[piece.second] = np.interp(v, [0.0, 1.0], piece.second_values[[0, -1]])
+    parameters[piece.first] = np.interp(point[0], [0.0, 1.0], piece.first_values[[0, -1]])
+    parameters[piece.second] = np.interp(point[1], [0.0, 1.0], piece.second_values[[0, -1]])
     return parameters
 
 
 @edit
 def view_from(session: Session, side: str) -> Session:
-    """Turn the model so that a side is seen: where it is, or in the middle of the photo."""
-    document = session.document
-    model = session.document.model
-    pose = session.document.pose
-    seen = look_from(side, model.mesh, model.keypoints, pose.camera)
+    """Rotate the model to show a side; a model without a pose goes to the photo's middle."""
+    document, model = session.document, session.document.model
+    pose = look_from(side, model.mesh, model.keypoints, document.pose.camera)
     if document.object.is_placed:
-        rotation, centre = seen.camera_from_model.rotation, model.mesh.centre
-        translation = pose.camera_from_model.apply(centre) - rotation @ centre
-        seen = replace(pose, camera_from_model=RigidTransform(rotation, translation))
-    return session.with_pose(seen)
+        rotation, centre = pose.camera_from_model.rotation, model.mesh.centre
+        translation = document.pose.camera_from_model.apply(centre) - rotation @ centre
+        pose = replace(document.pose, camera_from_model=RigidTransform(rotation, translation))
+    return session.with_pose(pose)
 
 
 @edit
 def reset_to_start(session: Session) -> Session:
     """Go back to the start pose."""
-    return session.with_document(session.document.reset)
+    return session.with_document(session.document.at_start)
 
 
 @edit
 def make_start(session: Session) -> Session:
-    """Make the pose at hand the start pose."""
-    return session.with_document(session.document.started)
+    """Make the current pose the start pose."""
+    return session.with_document(session.document.with_start_here)

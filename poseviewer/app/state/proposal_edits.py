@@ -2,20 +2,18 @@
 
 from dataclasses import replace
 
-from poseviewer.app.state.document import Document, compared
+from poseviewer.app.state.document import Document, loss_inputs
 from poseviewer.app.state.edits import drag_edit, edit
 from poseviewer.app.state.pose_edits import move_to
 from poseviewer.app.state.search_edits import with_progress, with_search
 from poseviewer.app.state.searches import ProposedStarts, SearchRequest
 from poseviewer.app.state.session import Session
 from poseviewer.fit.progress import SearchProgress
-from poseviewer.geometry.arrays import FloatArray
-from poseviewer.starts.automatic import PoseHypothesis
 
 
 @edit
 def propose_starts(session: Session) -> Session:
-    """Look for start poses, in the rectangle about the object; or stop looking."""
+    """Propose start poses, within the box about the object if there is one; or stop."""
     if session.is_proposing:
         return session.stop_proposing()
     tool = "pose" if session.tool == "box" else session.tool
@@ -24,63 +22,50 @@ def propose_starts(session: Session) -> Session:
 
 @edit
 def toggle_box(session: Session) -> Session:
-    """Draw a rectangle about the object, to look for start poses there; or stop looking."""
-    is_requested = session.is_proposing and not session.is_looking
-    return session.stop_proposing() if is_requested else replace(session, tool="box")
+    """Draw a box about the object, to propose start poses there; or stop."""
+    is_stopped = session.is_proposing and not session.is_looking
+    return session.stop_proposing() if is_stopped else replace(session, tool="box")
 
 
 @edit
 def stop_proposing(session: Session) -> Session:
-    """Look for start poses no more."""
+    """Stop proposing start poses."""
     return session.stop_proposing()
 
 
 @drag_edit
-def starts_proposed(
-    session: Session,
-    document: Document,
-    starts: tuple[PoseHypothesis, ...],
-    outlines: tuple[FloatArray, ...],
-) -> Session:
-    """List the starts that were requested; take the likeliest for a model that is placed.
-
-    Args:
-        session: the session before it.
-        document: the document that they were requested at.
-        starts: the likeliest first.
-        outlines: (n, 2, 2) of each, px.
-    """
-    proposals = session.proposals
-    if proposals is None or proposals.document is not document or proposals.starts:
+def list_starts(session: Session, proposals: ProposedStarts) -> Session:
+    """List the starts that were requested, and take the likeliest for a placed model."""
+    requested = session.proposals
+    if requested is None or requested.document is not proposals.document or requested.starts:
         return session
-    proposals = replace(proposals, starts=starts, outlines=outlines, is_over=not starts)
-    session = session.with_proposals(proposals)
-    return take_start(0)(session) if document.object.is_placed else session
+    session = session.with_proposals(replace(proposals, is_over=not proposals.starts))
+    return take_start(0)(session) if session.document.object.is_placed else session
 
 
 @drag_edit
-def start_fitted(
+def take_fitted_start(
     session: Session,
     document: Document,
     request: SearchRequest,
     progress: SearchProgress,
     index: int,
 ) -> Session:
-    """Put a model that was nowhere where a search from a proposal has found it.
+    """Place a model where a search from a proposal has found it, if the verdict is "found".
 
     Args:
-        session: the session before it.
-        document: the document that proposals were requested at.
-        request: the search.
-        progress: its end.
-        index: index of the proposal.
+        session: before the edit.
+        document: at which starts were requested.
+        request: for the search.
+        progress: end of the search.
+        index: of the proposal that the search went out from.
     """
-    proposals, result = session.proposals, progress.results[document.active]
+    proposals, active = session.proposals, document.active
     if proposals is None or proposals.document is not document or proposals.is_over:
         return session
-    verdict, at = result and result.verdict, document.active
-    is_same = compared(session.document.scene, at) == compared(document.scene, at)
-    if not (is_same and verdict and verdict.label == "found"):
+    result = progress.results[active]
+    is_same = loss_inputs(session.document.scene, active) == loss_inputs(document.scene, active)
+    if not (is_same and result and result.verdict and result.verdict.label == "found"):
         return session.stop_proposing()
     session = take_start(index)(session)
     session = replace(session, document=with_progress(session.document, progress))
@@ -89,11 +74,11 @@ def start_fitted(
 
 @edit
 def step_proposals(session: Session, by: int = 1) -> Session:
-    """Take another proposal: ``by`` places on, round and round."""
+    """Take the proposal that is ``by`` entries further in the list, which is cyclic."""
     proposals = session.proposals
     if proposals is None or not proposals.starts:
         return session
-    index = max(proposals.index, min(-by, 0))  # while none is taken: the first, or the last
+    index = max(proposals.index, min(-by, 0))  # if none is taken yet: the first, or the last
     return take_start((index + by) % len(proposals.starts))(session)
 
 
@@ -103,7 +88,7 @@ def take_start(session: Session, index: int) -> Session:
     proposals = session.proposals
     if proposals is None or not 0 <= index < len(proposals.starts):
         return session
-    document = move_to(session.document, proposals.starts[index].pose).started
-    # One step back leads to before all proposals.
+    document = move_to(session.document, proposals.starts[index].pose).with_start_here
+    # One key: a single undo step leads back to before all proposals.
     session = session.with_document(document, proposals.document)
     return session.with_proposals(replace(proposals, index=index, is_over=True))

@@ -1,4 +1,4 @@
-"""Results of workers: all that they have drawn and computed for a session."""
+"""Results of workers: what they have drawn and computed for a session."""
 
 from __future__ import annotations
 
@@ -25,56 +25,55 @@ NO_LINES = np.zeros((0, 2, 2))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LossReading:
-    """Unexplained shares of the photos at the active object's pose."""
+    """Unexplained shares at the active object's pose."""
 
     request: Session
-    """Session that has the pose and the pixels that are compared."""
     mean: Unexplained | None = None
-    """Over the views that are compared; None: ``note`` says why."""
+    """Mean over the compared views; None: ``note`` says why."""
     note: str = ""
     start: float | None = None
-    """The loss at the start pose."""
-    of_views: Mapping[int, Unexplained] = field(default_factory=dict)
-    """Unexplained shares by the indices of the views that are compared."""
+    """Loss at the start pose."""
+    by_view: Mapping[int, Unexplained] = field(default_factory=dict)
+    """Unexplained shares by the indices of the compared views."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Overlay:
-    """The model as drawn for a request."""
+    """Drawing of the active object."""
 
     request: Session
     outline: FloatArray
     """(n, 2, 2): line segments in px of the photo."""
     edges: FloatArray = field(default_factory=lambda: NO_LINES)
-    """(n, 2, 2): edges inside it, as such segments."""
+    """(n, 2, 2): segments of the edges inside the outline."""
     picture: NDArray[np.uint8] | None = None
-    """(h, w, 3): RGB in place of the photo; None for none."""
+    """(h, w, 3): RGB picture in place of the photo; None: the photo is shown."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outlines:
-    """Outlines beside that of the active object in the large view."""
+    """Outlines of further objects and views; line segments (n, 2, 2) by the objects' ids."""
 
-    lines: Mapping[int, FloatArray]
-    """Other objects in the large view, (n, 2, 2) by their numbers: line segments in px."""
+    large: Mapping[int, FloatArray]
+    """Objects but the active one in the large view, px."""
     small: tuple[Mapping[int, FloatArray], ...] = ()
-    """For each of several views all objects, (n, 2, 2) in shares of the photo's sides."""
+    """For each of several views all objects, in shares of the photo's sides."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Landscape:
-    """Maps of a loss about a pose, as far as they are known."""
+    """Maps of a loss about a pose."""
 
     document: Document
-    """The pose of its active object in its active view is the centre."""
+    """Document whose active object, in its large view, has the centre pose."""
     problem: FitProblem
     start: Pose
-    """The pose about which pixels are compared, in the problem's first view."""
+    """Pose in the problem's first view about which pixels are compared."""
     parameters: FloatArray
     """(d,): the centre in the problem's chart."""
     half_width: float
     slices: tuple[Slice, ...] = ()
-    """A slice for each pair, as soon as there is one."""
+    """Slices by pairs of parameters, as far as they are computed."""
 
     @property
     def maps(self) -> LossMaps:
@@ -85,24 +84,24 @@ class Landscape:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Preparation:
-    """Preparation before the model can be drawn and compared finely: kernels and renderer."""
+    """State of compiling kernels and making the renderer, before which models are sketched."""
 
     share: float | None = None
-    """Share of compiled kernels, in [0, 1]; None where all were, or before it is known."""
+    """Share of compiled kernels, in [0, 1]; None: all were, or it is not known yet."""
     trouble: str = ""
-    """Why it will not be: a sentence for the user."""
+    """Sentence: why preparation has failed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Results:
-    """Newest results for the document at hand, or for one a moment ago."""
+    """Newest results, which may be of a slightly older document."""
 
     overlay: Overlay | None = None
     alone: tuple[Pose, NDArray[np.uint8]] | None = None
-    """The model drawn beside the photo, to be marked: its pose there, and pixels (h, w, 3)."""
+    """Picture (h, w, 3) of the model without the photo, for marking points, and the pose in it."""
     losses: LossReading | None = None
     landscapes: tuple[Landscape, ...] = ()
-    """For each loss that is shown."""
+    """For each loss that is mapped."""
     maps_note: str = ""
-    """Why there are no maps; a sentence."""
+    """Sentence: why there are no maps."""
     outlines: Outlines | None = None

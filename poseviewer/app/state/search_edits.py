@@ -1,9 +1,9 @@
-"""Edits of searches: settings, start, end, and what workers report of them."""
+"""Edits of searches: settings, start, end, and workers' reports."""
 
 from collections.abc import Callable
 from dataclasses import replace
 
-from poseviewer.app.state.document import UNLOCK, Document, label_of, stands
+from poseviewer.app.state.document import UNLOCK, Document, is_shown, label_of
 from poseviewer.app.state.document_edits import undo
 from poseviewer.app.state.edits import drag_edit, edit
 from poseviewer.app.state.results import Preparation
@@ -16,7 +16,7 @@ from poseviewer.scene.settings import LOSSES, FitSettings, LossName
 
 @edit
 def alter_settings(session: Session, alter: Callable[[FitSettings], FitSettings]) -> Session:
-    """Alter settings as they are by then: what was changed just before stays changed."""
+    """Alter the settings; a function, so that edits in a row do not undo each other."""
     settings = alter(session.document.settings)
     if settings == session.document.settings:
         return session
@@ -25,13 +25,13 @@ def alter_settings(session: Session, alter: Callable[[FitSettings], FitSettings]
 
 @edit
 def clear_region(session: Session) -> Session:
-    """Compare the active object with all of the photo."""
-    return session.with_document(session.document.with_own(region=None))
+    """Compare the active object with the whole photo."""
+    return session.with_document(session.document.with_in_view(region=None))
 
 
 @edit
 def set_loss(session: Session, loss: LossName) -> Session:
-    """Search by another loss; what each compares is kept until it is chosen again."""
+    """Choose the loss; the other loss keeps its settings until it is chosen again."""
     before = session.document.settings
     if loss == before.loss:
         return session
@@ -41,23 +41,23 @@ def set_loss(session: Session, loss: LossName) -> Session:
 
 @edit
 def start_search(session: Session) -> Session:
-    """Search for the active object from the pose at hand."""
+    """Search for the active object from the current pose."""
     document = session.document
-    return _begun(session, document, (document.settings,), (document.active,))
+    return _begin_search(session, document, (document.settings,), (document.active,))
 
 
 @edit
 def find_focal_length(session: Session) -> Session:
-    """Search for the active object's pose and the focal length together."""
+    """Search for the active object's pose together with the focal length."""
     return start_search()(alter_settings(lambda now: replace(now, free_focal=True))(session))
 
 
 @edit
 def search_all(session: Session) -> Session:
-    """Search for all objects that are not locked, in turn, until none improves."""
+    """Search for all unlocked objects in turn, until none improves."""
     document = session.document
     objects = enumerate(document.scene.objects)
-    free = {i: item for i, item in objects if stands(item) and not item.locked}
+    free = {i: item for i, item in objects if is_shown(item) and not item.locked}
     if not free:
         raise SettingsError("all objects are locked, hidden or not placed: nothing to search")
     if len(free) > 1 and any(item.settings.has_free_camera for item in free.values()):
@@ -65,22 +65,22 @@ def search_all(session: Session) -> Session:
             "focal length and principal point are one for all objects: find them with one of the "
             "objects alone, then search all without them"
         )
-    return _begun(session, document, (document.settings,), tuple(free))
+    return _begin_search(session, document, (document.settings,), tuple(free))
 
 
 @edit
 def compare_losses(session: Session) -> Session:
-    """Search from the start pose by both losses, by the one that is chosen last."""
+    """Search from the start pose by both losses, the chosen one last."""
     document = session.document
     losses = sorted(LOSSES, key=lambda loss: loss == document.settings.loss)
     settings = tuple(map(session.settings_by, losses))
-    return _begun(session, document.reset, settings, (document.active,))
+    return _begin_search(session, document.at_start, settings, (document.active,))
 
 
-def _begun(
+def _begin_search(
     session: Session, start: Document, methods: tuple[FitSettings, ...], indices: tuple[int, ...]
 ) -> Session:
-    """Session with a new search, unless one is running."""
+    """Begin a search, unless one is running."""
     if session.is_searching:
         return session
     if session.preparation is not None and session.preparation.trouble:
@@ -94,21 +94,21 @@ def _begun(
 
 @edit
 def take_end(session: Session, index: int) -> Session:
-    """Go where a loss of the last comparison ended, as if it alone had been searched by."""
+    """Take the end by one loss of the last comparison, as if only that search had run."""
     comparison, before = session.comparison, session.document
     if comparison is None or not 0 <= index < len(comparison.ends):
         return session
     end = comparison.ends[index]
-    taken = session.with_document(with_progress(before, end).with_object(settings=end.settings))
+    session = session.with_document(with_progress(before, end).with_object(settings=end.settings))
     if end.settings.loss != before.settings.loss:
-        taken = replace(taken, other_settings=before.settings)
-    request = SearchRequest(before.reset, (end.settings,), (before.active,))
-    return with_search(taken, request, end)
+        session = replace(session, other_settings=before.settings)
+    request = SearchRequest(before.at_start, (end.settings,), (before.active,))
+    return with_search(session, request, end)
 
 
 @edit
 def stop_search(session: Session) -> Session:
-    """Stop the search, keep its best pose; one that has not begun is as if never requested."""
+    """Stop the search and keep its best pose; a search without progress is taken back."""
     progress = session.search_progress
     if not session.is_searching:
         return session
@@ -119,19 +119,19 @@ def stop_search(session: Session) -> Session:
 
 @edit
 def toggle_search(session: Session) -> Session:
-    """Start a search, or stop the one that runs."""
+    """Start a search, or stop the running one."""
     return (stop_search() if session.is_searching else start_search())(session)
 
 
 @edit
 def accept_search(session: Session) -> Session:
-    """Keep what the search found, and put the search and the proposed starts away."""
+    """Keep the pose that the search found, and close the search and the proposals."""
     return session.without_search(session.document.scene).with_proposals(None)
 
 
 @edit
 def revert_search(session: Session) -> Session:
-    """Go back to the pose before the search; one that runs is stopped."""
+    """Go back to the pose before the search, and stop it if it runs."""
     return session if session.search is None else undo()(session)
 
 
@@ -142,7 +142,14 @@ def search_advanced(
     progress: SearchProgress,
     comparison: LossComparison | None = None,
 ) -> Session:
-    """Show how far a search is; ``comparison``: of its ends by several losses."""
+    """Show the progress of a search.
+
+    Args:
+        session: before the edit.
+        request: of the search; nothing changes if it is not the running one.
+        progress: the newest.
+        comparison: of the ends by several losses, once all are there.
+    """
     if session.search is not request or not session.is_searching:
         return session
     document = with_progress(session.document, progress)
@@ -151,32 +158,33 @@ def search_advanced(
 
 
 def with_progress(document: Document, progress: SearchProgress) -> Document:
-    """Document where a search is, or has ended."""
+    """The document at the poses and results of a search."""
     results = progress.results
     for index, fit in progress.progress_by_object.items():
-        document = document.at_numbers(fit.problem, fit.parameters, index)
+        document = document.at_params(fit.problem, fit.parameters, index)
         document = document.with_object(index, result=results[index])
-    is_seen = is_in_sight(document)
-    return document if is_seen else document.with_view(progress.problem.views[0].view_index)
+    if is_in_sight(document):
+        return document
+    return document.with_view(progress.problem.views[0].view_index)
 
 
 def with_search(
     session: Session, request: SearchRequest, progress: SearchProgress | None = None
 ) -> Session:
-    """Session with a search at its begin, or as far as its ``progress`` says."""
+    """The session with a search, which has the ``progress`` or is about to begin."""
     anchor = request.start.scene
     return replace(session, search=request, search_progress=progress, anchor=anchor)
 
 
 @drag_edit
 def search_failed(session: Session, request: SearchRequest) -> Session:
-    """Go back to before a search that could not be run."""
+    """Take back a search that could not run."""
     return revert_search()(session) if session.search is request else session
 
 
 @drag_edit
 def preparation_advanced(session: Session, preparation: Preparation | None) -> Session:
-    """Show what is still made ready (None: nothing more), or why it cannot be."""
+    """Show the state of preparation; None: all is ready."""
     if preparation is not None and preparation.trouble:
         session = revert_search()(session) if session.is_searching else session
         session = session.with_proposals(None)

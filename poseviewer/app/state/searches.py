@@ -1,4 +1,4 @@
-"""Searches and proposals: what was requested, and what has come of it."""
+"""Requests for searches and start poses, and what has come of them."""
 
 from dataclasses import dataclass, replace
 
@@ -12,47 +12,47 @@ from poseviewer.starts.loading import StartInputs
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchRequest:
-    """Request for a search; no two are equal."""
+    """Request for a search."""
 
     start: Document
     """Document that the search begins at."""
     methods: tuple[FitSettings, ...]
-    """Settings of the active object, one after the other, each from the start."""
+    """Settings of the active object for each of several searches from the start."""
     object_indices: tuple[int, ...]
     """Objects that are searched for in turn."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LossComparison:
-    """Searches by each loss from one start, and what each loss says of each end."""
+    """Comparison of searches from one start by each loss."""
 
     ends: tuple[SearchProgress, ...]
-    """The last progress by each loss, in the order of ``LOSSES``."""
+    """Last progress by each loss, in the order of ``LOSSES``."""
     losses: FloatArray
     """(n, n): loss of each end (row) by each loss (column)."""
     outlines: tuple[FloatArray, ...]
-    """(k, 2, 2) of each end: line segments, px."""
+    """For each end (k, 2, 2), line segments in px."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProposedStarts:
-    """Start poses that are being looked for, or were found and wait for a choice."""
+    """Start poses that are requested, or were found and can be chosen from."""
 
     document: Document
-    """Document that they were requested at."""
+    """Document for which they were requested."""
     starts: tuple[PoseHypothesis, ...] = ()
-    """The likeliest first; none while they are looked for."""
+    """Pose hypotheses, the likeliest first; empty until they are found."""
     outlines: tuple[FloatArray, ...] = ()
-    """(n, 2, 2) of each: line segments in px of the photo."""
+    """For each start (n, 2, 2), line segments in px of the photo."""
     index: int = -1
-    """The start that is taken; -1: none yet."""
+    """Index of the chosen start; -1: none yet."""
     is_over: bool = False
-    """Whether nothing is looked for, or fitted, any more."""
+    """Whether the search for starts, and for a pose from them, has ended."""
 
 
 def start_query(document: Document) -> StartQuery:
-    """Request for start poses at a document, by its camera."""
-    region = document.own.region
+    """Query for start poses of the active object in the large view."""
+    region = document.in_view.region
     inputs = StartInputs(document.photo, document.mesh, document.model.keypoints, document.mask)
     settings = replace(document.settings, region=region)
     return StartQuery(inputs, document.pose.camera, document.marks.box or region, settings)

@@ -1,4 +1,4 @@
-"""The session: all that the page shows. Immutable."""
+"""The session: immutable state of all that the page shows."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from poseviewer.app.state.camera_change import with_camera
-from poseviewer.app.state.document import UNLOCK, Document, compared, label_of
+from poseviewer.app.state.document import UNLOCK, Document, label_of, loss_inputs, with_camera
 from poseviewer.app.state.dragging import Drag, radius_in_photo
 from poseviewer.app.state.history import History
 from poseviewer.app.state.results import Preparation, Results
@@ -37,7 +36,7 @@ class Pen:
     for_one: bool = False
     """Whether strokes are about the active object alone, instead of the photo."""
     strokes: int = 0
-    """Number of strokes that were taken: a page shows its own until then."""
+    """Counter of masked strokes; a page draws its own strokes until it rises."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,13 +50,13 @@ class Display:
     photo_alone: bool = False
     """Whether the model is blinked away."""
     half_width: float = 0.2
-    """Reach of the maps as a share of each parameter's scale: 0.2 is the paper's 20 %."""
+    """Half width of the maps, in each parameter's scale: 0.2 is the paper's 20 %."""
     large_map: tuple[int, int] | None = None
-    """Pair of parameters whose map is open large."""
+    """Pair of parameters whose map is shown large."""
     mapped_loss: MappedLoss = "chosen"
     """Loss that is mapped: that of the settings, one by its name, or both."""
     relative_to: str = ""
-    """Label of the object in whose frame the active one's pose is shown as well; "": of none."""
+    """Label of the object in whose frame the active one's pose is also shown; "": none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,58 +66,57 @@ class Session:
     document: Document
     history: History = field(default_factory=History)
     saved: Document | None = None
-    """Document that stands in a file."""
+    """Document as it was saved last."""
     tool: str = "pose"
     drag: Drag | None = None
-    """Part of the model or photo that the pointer holds."""
     measured: tuple[tuple[Photo, FloatArray], ...] = ()
-    """Photos and pixels (2,) that the tool ``measure`` has pressed last, at most two."""
+    """Photos and pixels (2,) of the last points, at most two, of the tool ``measure``."""
     pen: Pen = field(default_factory=Pen)
     display: Display = field(default_factory=Display)
     search: SearchRequest | None = None
     """Search that runs, or has ended and is neither kept nor reverted."""
     search_progress: SearchProgress | None = None
-    """The newest progress of that search."""
+    """Newest progress of that search."""
     comparison: LossComparison | None = None
-    """Ends by both losses when they were last compared on this photo and model."""
+    """Last comparison of both losses for this photo and model."""
     other_settings: FitSettings = field(default_factory=lambda: FitSettings("paper"))
-    """The settings as they were before the loss was changed last."""
+    """Settings by the loss that is not chosen."""
     proposals_by_object: Mapping[int, ProposedStarts | None] = field(default_factory=dict)
-    """Proposed starts by the objects' numbers."""
+    """Proposed starts by the objects' ids."""
     anchor: Scene | None = None
     """Scene about which pixels are compared, fixed while the model moves; None: the document's."""
     results: Results = field(default_factory=Results)
     preparation: Preparation | None = None
-    """None: all is ready. Until then a search waits, and outlines are sketched."""
+    """None: all is ready. Until then searches wait, and outlines are sketched."""
 
     @property
-    def compared(self) -> Scene:
+    def compared_scene(self) -> Scene:
         """The scene about which pixels are compared."""
         return self.anchor or self.document.scene
 
     @property
     def request(self) -> Session:
-        """The session as workers keep it: without results and history, which fill the memory."""
+        """The session for workers: without results and history, which take memory."""
         return replace(self, results=Results(), history=History(), proposals_by_object={})
 
     @property
     def pixels(self) -> tuple[object, ...]:
-        """Values that are equal where the same pixels are compared by the same loss."""
-        return *self.document.shown, *compared(self.compared, self.document.active)
+        """Values that are equal if the same pixels are compared by the same loss."""
+        return *self.document.shown, *loss_inputs(self.compared_scene, self.document.active)
 
     @property
     def at_pose(self) -> tuple[object, ...]:
-        """Values that are equal where the loss is the same."""
+        """Values that are equal if the loss is the same."""
         return self.document.pose, *self.pixels
 
     @property
     def drawn(self) -> tuple[object, ...]:
-        """Values that are equal where the picture of the model is the same."""
+        """Values that are equal if the picture of the model is the same."""
         display = self.display
         return display.style, display.opacity, self.preparation is None, *self.at_pose
 
     def covariance_in(self, view_index: int) -> PoseCovariance | None:
-        """Covariance of the active object's pose in a view; None where no search has said it."""
+        """Covariance of the active object's pose in a view; None: no search gave one."""
         return self.document.scene.covariance(self.document.active, view_index)
 
     @property
@@ -129,21 +127,21 @@ class Session:
 
     @property
     def is_moving(self) -> bool:
-        """Whether a hand or a search moves the model: the next pose will follow at once."""
+        """Whether a drag or a search moves the model, so that the next pose follows at once."""
         is_dragged = self.drag is not None and self.drag.before is not None
         return is_dragged or self.is_searching
 
     @property
     def own_progress(self) -> SearchProgress | None:
-        """Progress of the search, where it is for the active object, by the view's camera."""
-        progress, own = self.search_progress, self.document
-        if progress is None or progress.object_index != own.active:
+        """Progress of the search, if it is for the active object by the large view's chart."""
+        progress, document = self.search_progress, self.document
+        if progress is None or progress.object_index != document.active:
             return None
-        return progress if progress.problem.views[0].view_index == own.at else None
+        return progress if progress.problem.views[0].view_index == document.view_index else None
 
     @property
     def loss(self) -> float | None:
-        """Loss at the pose at hand: that of the search which ended there, else as it was read."""
+        """Loss at the current pose: of the search that ended there, else as a worker read it."""
         result, losses = self.document.object.result, self.results.losses
         if losses is None or losses.mean is None:
             return None
@@ -154,81 +152,87 @@ class Session:
 
     @property
     def other_outlines(self) -> tuple[FloatArray, ...]:
-        """Outlines of the comparison's ends beside the end at hand; none if that is none."""
-        comparison, own = self.comparison, None if self.is_searching else self.own_progress
-        if comparison is None or own not in comparison.ends:
+        """Outlines of the comparison's other ends, while one of its ends is shown."""
+        comparison, shown = self.comparison, None if self.is_searching else self.own_progress
+        if comparison is None or shown not in comparison.ends:
             return ()
         pairs = zip(comparison.ends, comparison.outlines, strict=True)
-        return tuple(outline for end, outline in pairs if end is not own)
+        return tuple(outline for end, outline in pairs if end is not shown)
 
     def settings_by(self, loss: LossName) -> FitSettings:
-        """The settings at hand, by a loss."""
+        """Settings of the active object for a loss."""
         return self.document.settings.of_loss(loss, self.other_settings)
 
     @property
     def mapped(self) -> tuple[FitSettings, ...]:
-        """Settings of the losses that the maps are to show."""
-        own, loss = self.document.settings, self.display.mapped_loss
+        """Settings for each loss that is mapped."""
+        settings, loss = self.document.settings, self.display.mapped_loss
         if loss == "both":
             return tuple(map(self.settings_by, LOSSES))
-        return (own if loss == "chosen" else self.settings_by(loss),)
+        return (settings if loss == "chosen" else self.settings_by(loss),)
 
     @property
     def proposals(self) -> ProposedStarts | None:
-        """Proposed starts of the active object in the large photo."""
-        proposals = self.proposals_by_object.get(self.document.number)
+        """Proposed starts of the active object in the large view."""
+        proposals = self.proposals_by_object.get(self.document.object_id)
         return proposals if proposals and proposals.document.shown == self.document.shown else None
 
     def with_proposals(self, proposals: ProposedStarts | None) -> Session:
         """The session with other proposed starts of the active object."""
-        changed = {self.document.number: proposals}
+        changed = {self.document.object_id: proposals}
         return replace(self, proposals_by_object={**self.proposals_by_object, **changed})
 
     @property
     def is_proposing(self) -> bool:
-        """Whether start poses are being looked for."""
+        """Whether start poses are being searched for."""
         return self.proposals is not None and not self.proposals.is_over
 
     @property
     def is_looking(self) -> bool:
-        """Whether starts are looked for as the model is nowhere yet: any pose ends that."""
+        """Whether starts are proposed for a model without a pose; any pose ends that."""
         return self.is_proposing and not self.document.object.is_placed
 
     @property
-    def opened(self) -> Session:
-        """The session that looks for an active object that is nowhere yet."""
+    def with_first_proposals(self) -> Session:
+        """The session with starts requested, if the active object has no pose."""
         is_placed = self.document.object.is_placed
         return self if is_placed else self.with_proposals(ProposedStarts(self.document))
 
     def stop_proposing(self) -> Session:
-        """The session that looks for start poses of the active object no more."""
+        """The session whose proposals for the active object have ended."""
         proposals = self.proposals
         if proposals is None or proposals.is_over:
             return self
         return self.with_proposals(replace(proposals, is_over=True) if proposals.starts else None)
 
     @property
+    def measurement_pixels(self) -> tuple[FloatArray, ...]:
+        """Pixels (2,) that the measuring tool, if it is in use, has pressed in the large photo."""
+        measured = self.measured if self.tool == "measure" else ()
+        return tuple(pixel for photo, pixel in measured if photo is self.document.photo)
+
+    @property
     def marks_model(self) -> bool:
-        """Whether points of the model are marked."""
+        """Whether the tool marks points of the model beside the photo."""
         is_first = self.tool == "wheels" and self.document.model.keypoints is None
         return is_first or self.tool == "pairs"
 
     @property
     def shown_box(self) -> Rectangle | None:
-        """The rectangle about the object, while it is drawn and starts are taken from it."""
+        """Box about the object, while it is drawn and while starts in it can be chosen."""
         is_used = self.proposals is not None and self.search is None
         return self.document.marks.box if is_used or self.tool == "box" else None
 
     @property
     def is_unsaved(self) -> bool:
-        """Whether a pose at hand, or what is compared there, stands in no file."""
+        """Whether a pose, or what files keep with it, has changed since it was saved."""
         return self.saved is None or self.saved.placement != self.document.placement
 
-    def at(self, history: History, document: Document) -> Session:
-        """Session at another document of a history, without a search or another photo's results."""
-        is_same = document.number == self.document.number
-        is_placed = is_same and self.is_looking and document.object.is_placed
-        session = self.stop_proposing() if is_placed else self
+    def with_history(self, history: History, document: Document) -> Session:
+        """The session at a document of a history, without a search and stale results."""
+        is_same = document.object_id == self.document.object_id
+        has_pose_now = is_same and self.is_looking and document.object.is_placed
+        session = self.stop_proposing() if has_pose_now else self
         if document.shown != self.document.shown:
             session = replace(session.with_new_view(), comparison=None)
         session = session.without_search(document.scene)
@@ -239,19 +243,19 @@ class Session:
         return replace(self, search=None, search_progress=None, anchor=anchor)
 
     def with_new_view(self) -> Session:
-        """The session without results for the photo and the model that were shown."""
+        """The session without results of the photo and the model that were shown."""
         return replace(self, results=Results(outlines=self.results.outlines))
 
     def with_active(self, index: int) -> Session:
-        """Make another object active, which is no step; the same session where it is."""
+        """Make an object active; no undo step."""
         document = self.document.with_active(index)
-        return self if document is self.document else self.at(self.history, document)
+        return self if document is self.document else self.with_history(self.history, document)
 
     def with_document(self, document: Document, key: object = None) -> Session:
-        """Take an undoable step to another document; steps in a row with one ``key`` are one.
+        """Take an undo step to another document; consecutive steps with the same ``key`` are one.
 
         Raises:
-            FloatingPointError: the model would be out of sight.
+            FloatingPointError: the model would be behind the camera, or infinitely large or far.
             SettingsError: a locked object would move.
         """
         if not is_in_sight(document):
@@ -259,27 +263,27 @@ class Session:
                 "that pose is behind the camera or out of all proportion; nothing was changed"
             )
         _require_unlocked(self.document, document)
-        return self.at(self.history.with_step(self.document, document, key), document)
+        return self.with_history(self.history.with_step(self.document, document, key), document)
 
     def with_pose(self, pose: Pose) -> Session:
-        """Take an undoable step to another pose; raises as ``with_document``."""
+        """Take an undo step to another pose; fails like ``with_document``."""
         return self.with_document(self.document.at_pose(pose))
 
 
 def is_in_sight(document: Document) -> bool:
-    """Whether the model is in front of the camera, neither infinitely large nor infinitely far."""
+    """Whether the model is in front of the camera, and neither infinitely large nor far."""
     pose = document.pose
     is_finite = bool(np.isfinite(pose.camera_from_model.translation).all())
     return is_finite and 0.0 < radius_in_photo(pose, document.mesh) < math.inf
 
 
 def _require_unlocked(before: Document, now: Document) -> None:
-    """Raise unless a locked object is where it was in the photo; under another camera, too."""
-    is_same = before.shown == now.shown and before.pose is not now.pose
-    if not (is_same and before.object.locked and now.object.locked):
+    """Refuse to move a locked object in the photo; its camera may change."""
+    has_new_pose = before.shown == now.shown and before.pose is not now.pose
+    if not (has_new_pose and before.object.locked and now.object.locked):
         return
-    kept = with_camera(before.pose, now.pose.camera, now.mesh.centre)
-    pixels = [pose.project(now.mesh.vertices) for pose in (kept, now.pose)]
+    unmoved = with_camera(before.pose, now.pose.camera, now.mesh.centre)
+    pixels = [pose.project(now.mesh.vertices) for pose in (unmoved, now.pose)]
     if not np.allclose(*pixels, rtol=0.0, atol=1e-4, equal_nan=True):
         label = label_of(now.object)
         raise SettingsError(f"{label} is locked: {UNLOCK} to move it; nothing was changed")

@@ -1,4 +1,4 @@
-"""Write poses beside their photos, and the session whenever it has changed."""
+"""Save poses beside their photos, and autosave the session."""
 
 import os
 import time
@@ -13,7 +13,7 @@ from poseviewer.app.state.display_edits import report_error
 from poseviewer.app.state.document import Document, is_alone
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.exporting import scene_to_save, stem_of, view_to_save
+from poseviewer.app.workers.exporting import pose_file_view, scene_to_save, stem_of
 from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.keypoints import load_keypoints, save_keypoints
@@ -29,29 +29,27 @@ from poseviewer.files.state.uploads import copy_out
 from poseviewer.scene.assets import ModelFile, PhotoFile
 
 PERIOD_S = 0.5
-"""While something moves the session is written so often: with the write itself and the main loop's
-rest, less than a second is lost to a crash."""
+"""Period of autosaves during motion: a crash loses less than a second."""
 RETRY_S = 10.0
-"""A full disk is not mended in less."""
-
+"""Wait after a failed write, such as on a full disk."""
 
 Asset = TypeVar("Asset", PhotoFile, ModelFile)
 Kept = Document | Literal["nothing"]
-"""Contents of the session's own file."""
+"""Contents of the autosave."""
 
 
 class Autosaver:
-    """Keeps the session on disk, and finds what an earlier one left; its own file is touched in one
-    thread alone, and each time whole or not at all.
+    """Saves and autosaves the session, and offers the autosave of an earlier run. One thread alone
+    writes the autosave, each time whole or not at all.
     """
 
     def __init__(self, state: Path) -> None:
         self._uploads = (state / "uploads").resolve()
-        self._own: dict[Path, tuple[object, ...]] = {}
-        self._named: dict[Path, Path] = {}  # by the usual path of each
+        self._written: dict[Path, tuple[object, ...]] = {}  # this session's files as it left them
+        self._chosen: dict[Path, Path] = {}  # paths in place of the usual ones
         self._offered, self.offer = find_abandoned(state / "sessions") or (None, None)
         """Session that an earlier run left unsaved, until it is taken or refused."""
-        self._is_adopted = False  # whether the offer has been opened: it is this session's own now
+        self._is_adopted = False  # whether the offer has been opened
         self._file = SessionFile(state / "sessions")
         self._kept: Kept = "nothing"
         self.job = Worker(
@@ -60,17 +58,17 @@ class Autosaver:
             self._keeping,
             period_s=lambda now: PERIOD_S if now.is_moving else 0,
         )
-        """Writes the session as soon as it has changed; says why it cannot, once."""
+        """Autosaves the session after every change; a failure is reported once."""
 
     def take_offer(self, wanted: bool) -> AutosavedSession | None:
-        """The offer, for the last time. A ``wanted`` one stays on disk until it has been opened."""
+        """Take the offer; if ``wanted``, its file stays until it has been opened."""
         offer, self.offer = self.offer, None
         if not wanted:
             self._discard_offered()
         return offer
 
     def close(self, session: Session) -> None:
-        """At a clean end: what is saved elsewhere needs no autosave; what is not, stays."""
+        """End cleanly: the autosave stays only if the session is unsaved."""
         self.job.close()
         with suppress(PoseViewerError):
             self._keep(self._to_keep(session))
@@ -83,13 +81,13 @@ class Autosaver:
             except PoseViewerError as error:
                 if not attempt:
                     yield report_error(f"{error} Until then a crash would lose what is not saved.")
-            self.job.require_asked(wanted, RETRY_S)
+            self.job.require_current(wanted, RETRY_S)
 
     def _keep(self, wanted: Kept) -> None:
         if wanted == self._kept:
             return
         if isinstance(wanted, Document):
-            self._file.save(kept_of(wanted))
+            self._file.save(make_autosave(wanted))
             if self._is_adopted:
                 self._discard_offered()
         else:
@@ -98,52 +96,53 @@ class Autosaver:
         self._kept = wanted
 
     def where(self, session: Session) -> str:
-        """The file's name, as it is shown; its folder is told when it is written."""
+        """Name of the file to which the session would be saved."""
         return self._path(session.document).name
 
-    def taken(self, document: Document) -> Path | None:
-        """The file that saving would replace, if this session did not write it."""
+    def file_to_replace(self, document: Document) -> Path | None:
+        """File of another session that saving would replace."""
         path = self._path(document)
-        is_own = self._own.get(path) == _mark(path, document)
-        return None if is_own or not any(_on_disk(path)) else path
+        is_own = self._written.get(path) == _fingerprint(path, document)
+        return None if is_own or not any(_times_on_disk(path)) else path
 
     def save(self, session: Session, beside: bool = False) -> Path:
-        """Write the pose of one object in one photo with its mask, else the scene with copies of
-        uploads, beside the photo; under the next free name where ``beside``, else what is
-        ``taken`` is kept as ``.bak``. Key points given by hand are written beside their model.
+        """Write the pose file with its mask, or else the scene with copies of uploads. A file that
+        is replaced becomes a ``.bak`` file; ``beside`` takes a free name instead.
 
-        Raises ``PoseViewerError``: it cannot be written there, or photo or models are no files.
+        Raises:
+            PoseViewerError: the folder cannot be written to, or photo or models are no files.
         """
-        own, scene = session.document, scene_to_save(session)
-        path, kept = self._path(own), list[Path]()
+        document, scene = session.document, scene_to_save(session)
+        path, replaced = self._path(document), list[Path]()
         if beside:
-            path = self._named[self._usual_path(own)] = _next_free(self._usual_path(own))
-        elif self.taken(own):
-            kept = [one for one in (path, mask_path(path)) if one.exists()]
-        for one in kept:
-            one.replace(one.with_suffix(f"{one.suffix}.bak"))
+            usual = self._usual_path(document)
+            path = self._chosen[usual] = _next_free(usual)
+        elif self.file_to_replace(document):
+            replaced = [file for file in (path, mask_path(path)) if file.exists()]
+        for file in replaced:
+            file.replace(file.with_suffix(f"{file.suffix}.bak"))
         try:
-            if is_alone(own):
+            if is_alone(document):
                 save_pose_and_mask(path, pose_json(as_saved(scene)), scene.mask(0))
             else:
                 save_scene(path, copy_out(path, as_saved(scene), self._uploads))
         except PoseViewerError:
-            for one in kept:
-                one.with_suffix(f"{one.suffix}.bak").replace(one)
+            for file in replaced:
+                file.with_suffix(f"{file.suffix}.bak").replace(file)
             raise
-        for one in scene.objects:
-            _save_keypoints(one.model)
-        self._own[path] = _mark(path, own)
+        for item in scene.objects:
+            _save_keypoints(item.model)
+        self._written[path] = _fingerprint(path, document)
         return path
 
     def _path(self, document: Document) -> Path:
-        """The usual path, or the one that was taken beside it."""
         usual = self._usual_path(document)
-        return self._named.get(usual, usual)
+        return self._chosen.get(usual, usual)
 
     def _usual_path(self, document: Document) -> Path:
-        """Beside the photo; for uploads and the demo in the working directory."""
-        view, ending = view_to_save(document), "pose.json" if is_alone(document) else "scene.json"
+        """Path beside the photo; for uploads and the demo in the working directory."""
+        view = pose_file_view(document)
+        ending = "pose.json" if is_alone(document) else "scene.json"
         path = document.scene.views[view].path
         folder = Path.cwd() if path is None else path.resolve().parent
         is_ours = folder.name in ("demo_files", "assets") or self._uploads in folder.parents
@@ -162,50 +161,49 @@ class Autosaver:
 
 
 def _save_keypoints(model: ModelFile) -> None:
-    """Write a model's key points beside it, unless it has them from its files."""
+    """Write a model's key points beside it, unless its files have some."""
     path, keypoints = model.path, model.keypoints
     if path is None or keypoints is None or load_keypoints(path, model.mesh) is not None:
         return
     save_keypoints(path, keypoints, model.unit)
 
 
-def _on_disk(path: Path) -> list[int]:
-    """Times (ns) of a pose file and its mask, 0 where there is none."""
+def _times_on_disk(path: Path) -> list[int]:
+    """Times (ns) of a pose file and its mask; 0: there is none."""
     return [f.stat().st_mtime_ns if f.exists() else 0 for f in (path, mask_path(path))]
 
 
-def _mark(path: Path, document: Document) -> tuple[object, ...]:
-    """Values that are equal while a file stays as it was written, for one photo and model."""
+def _fingerprint(path: Path, document: Document) -> tuple[object, ...]:
+    """Values that are equal while a file stays as it was written for a photo and a model."""
     scene = document.scene
-    return *_on_disk(path), scene.views[0].photo.sha256, scene.objects[0].model.sha256
+    return *_times_on_disk(path), scene.views[0].photo.sha256, scene.objects[0].model.sha256
 
 
 def _next_free(path: Path) -> Path:
-    """The path with the first number from 2 on of which there is no file."""
+    """The path with the first free number from 2 on."""
     stem, kind, ending = path.name.rsplit(".", 2)
     numbered = (path.with_name(f"{stem}.{number}.{kind}.{ending}") for number in count(2))
-    return next(one for one in numbered if not any(_on_disk(one)))
+    return next(file for file in numbered if not any(_times_on_disk(file)))
 
 
-def kept_of(document: Document) -> AutosavedSession:
-    """All that is kept of a document."""
+def make_autosave(document: Document) -> AutosavedSession:
+    """Make the autosave of a document, with absolute paths."""
     scene, saved = document.scene, as_saved(document.scene, canonical=False)
     cameras, objects = tuple(view.camera for view in scene.views), []
-    for one, known in zip(saved.objects, scene.objects, strict=True):
-        start = {"start": known.start, "model": _resolved(one.model)}
-        if known.start_cameras != cameras:
-            start["start_cameras"] = known.start_cameras
-        objects.append(replace(one, **start))
-    views = tuple(replace(view, file=_resolved(view.file)) for view in scene.views)
+    for record, item in zip(saved.objects, scene.objects, strict=True):
+        changes = {"start": item.start, "model": _with_absolute_path(record.model)}
+        if item.start_cameras != cameras:
+            changes["start_cameras"] = item.start_cameras
+        objects.append(replace(record, **changes))
+    views = tuple(replace(view, file=_with_absolute_path(view.file)) for view in scene.views)
     return AutosavedSession(
         saved_at=time.time(),
         active_object=document.object.id,
-        active_view=document.at,
+        active_view=document.view_index,
         photo_names=tuple(view.photo.name for view in scene.views),
         scene=replace(saved, views=views, objects=tuple(objects)),
     )
 
 
-def _resolved(file: Asset) -> Asset:
-    """A photo or a model by its absolute path."""
+def _with_absolute_path(file: Asset) -> Asset:
     return replace(file, path=file.path and file.path.resolve())

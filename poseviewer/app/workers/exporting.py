@@ -1,4 +1,4 @@
-"""Exports of the app: pose files, pictures, maps."""
+"""Downloads of the app: pose files, pictures, maps."""
 
 from dataclasses import replace
 from io import BytesIO
@@ -12,7 +12,7 @@ import numpy as np
 from msgspec import structs
 
 from poseviewer import api
-from poseviewer.app.state.document import Document, label_of, stands
+from poseviewer.app.state.document import Document, is_shown, label_of
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.errors import SettingsError
@@ -29,88 +29,86 @@ from poseviewer.scene.types import ChartParameters, Scene, SearchResult
 from poseviewer.starts.measuring import measure_relative
 
 Export = Literal["pose", "overlay", "sheet", "maps-npz"] | str
-"""Name of a download of the page, or a key of ``CONVERTED``."""
+"""Name of a download, or a key of ``CONVERTED``."""
 RELATIVE = "relative poses"
-"""Name of the active object's poses in the frames of all others."""
+"""Name of the active object's poses in the frames of the others."""
 CONVERTED = {
     **{name: known.ending for name, known in FORMATS.items() if not known.is_own},
     "masks, depth, normals": "",
     RELATIVE: ".relative.json",
 }
-"""Other tools' formats, pictures, relative poses, and the ending of each; "": a folder."""
-MAX_STEM_LETTERS = 90
+"""Endings of other tools' formats, pictures and relative poses; "": a folder."""
+MAX_STEM_BYTES = 90
 """Bytes of a photo's and a model's name each: file systems take 255 in all."""
 
 
 def scene_to_save(session: Session) -> Scene:
-    """The scene, an unsearched active object with its loss, if it is known, and its numbers."""
-    own, losses = session.document, session.results.losses
-    if own.object.result is not None:
-        return own.scene
-    known = losses.mean if losses and losses.request.at_pose == session.at_pose else None
-    chart = own.chart
+    """The scene; an active object without a result gets its parameters and its loss, if known."""
+    document, losses = session.document, session.results.losses
+    if document.object.result is not None:
+        return document.scene
+    mean = losses.mean if losses and losses.request.at_pose == session.at_pose else None
+    chart, focal_note = document.chart, document.photo.focal_note(document.pose.camera)
     result = SearchResult(
-        loss=None if known is None else known.loss,
-        unexplained=None if known is None else known.total,
-        chart=ChartParameters(chart.name, chart.names, tuple(own.parameters.tolist())),
-        settings=settings_as_json(own.settings),
-        notes=tuple(filter(None, (own.photo.focal_note(own.pose.camera),))),
-        view=own.at,
+        loss=mean and mean.loss,
+        unexplained=mean and mean.total,
+        chart=ChartParameters(chart.name, chart.names, tuple(document.parameters.tolist())),
+        settings=settings_as_json(document.settings),
+        notes=(focal_note,) if focal_note else (),
+        view=document.view_index,
     )
-    return own.scene.with_object(own.active, result=result)
+    return document.scene.with_object(document.active, result=result)
 
 
-def view_to_save(document: Document) -> int:
-    """The view that the pose file is of: where the search was, or else the large one."""
-    return document.at if document.object.result is None else document.object.result.view
+def pose_file_view(document: Document) -> int:
+    """Index of the view whose pose is saved: that of the search, or else the large one."""
+    return document.view_index if document.object.result is None else document.object.result.view
 
 
 def stem_of(document: Document, view: int) -> str:
-    """``PHOTO.MODEL``, as files of a pose are named, of several objects ``PHOTO``; safe on any
-    system, and short enough for what follows it.
-    """
+    """Stem of a pose's files: ``PHOTO.MODEL``, or ``PHOTO`` for several objects; safe and short."""
     names = [document.scene.views[view].photo.name]
     names += [document.model.name] * (len(document.scene.objects) == 1)
     stems = (safe_path(name).stem.encode() for name in names)
-    return ".".join(stem[:MAX_STEM_LETTERS].decode(errors="ignore") for stem in stems)
+    return ".".join(stem[:MAX_STEM_BYTES].decode(errors="ignore") for stem in stems)
 
 
 def _export_stem(document: Document, view: int, of_all: bool = False) -> str:
-    """``PHOTO.OBJECT``, so that no object's file replaces another's; ``PHOTO`` of several ones."""
-    one, objects = document.object, document.scene.objects
+    """Stem of a download, ``PHOTO.OBJECT``, which is unique; ``PHOTO`` for all objects."""
+    item, objects = document.object, document.scene.objects
     if of_all or len(objects) == 1:
         return stem_of(document, view)
-    name = one.name.strip() or Path(one.model.name).stem
-    name += f".{one.id}" * ([label_of(other) for other in objects].count(label_of(one)) > 1)
-    own = safe_path(name).name.encode()[:MAX_STEM_LETTERS].decode(errors="ignore")
-    return f"{stem_of(document, view)}.{own}"
+    name = item.name.strip() or Path(item.model.name).stem
+    name += f".{item.id}" * ([label_of(other) for other in objects].count(label_of(item)) > 1)
+    name = safe_path(name).name.encode()[:MAX_STEM_BYTES].decode(errors="ignore")
+    return f"{stem_of(document, view)}.{name}"
 
 
 def export(what: Export, session: Session, unit: str = "") -> dict[str, bytes]:
-    """The contents of files by their names: of maps, one for each loss that is shown; ``unit``: the
-    model's, in place of what it says; raises ``PoseViewerError``: there is nothing of that kind
-    yet, or a format wants to know the unit.
+    """Contents of a download's files by their names; ``unit`` overrides the model's.
+
+    Raises:
+        PoseViewerError: there is nothing of that kind yet, or a format needs the unit.
     """
-    own = session.document
+    document = session.document
     if what == RELATIVE:
-        return _relative_poses(own)
+        return _relative_poses(document)
     if what in CONVERTED:
         return _convert(what, session, unit if unit in METRES else None)
-    view = view_to_save(own) if what == "pose" else own.at
-    photo = own.scene.views[view].photo
-    stem = _export_stem(own, view)
+    view = pose_file_view(document) if what == "pose" else document.view_index
+    photo = document.scene.views[view].photo
+    stem = _export_stem(document, view)
     if what == "pose":
         name, scene = f"{stem}.pose.json", scene_to_save(session)
-        record, mask = pose_json(as_saved(scene), own.active, view), scene.mask(own.active, view)
+        record = pose_json(as_saved(scene), document.active, view)
+        mask = scene.mask(document.active, view)
         beside = mask_path(name).name
         record = structs.replace(record, mask=None if mask is None else beside)
         files = {} if mask is None else {beside: mask_as_png(mask)}
         return {name: pose_bytes(Path(name), record), **files}
     stem += ".undistorted" * (photo.undistortion is not None)
     if what == "overlay":
-        picture = picture_of(
-            own, session.display.style, session.display.opacity
-        )  # of the photo's own size
+        picture = picture_of(document, session.display.style, session.display.opacity)
         data = np.asarray(cv2.imencode(".png", picture[..., ::-1])[1]).tobytes()
         return {f"{stem}.overlay.png": data}
     kind = "png" if what == "sheet" else what.removeprefix("maps-")
@@ -125,15 +123,15 @@ def export(what: Export, session: Session, unit: str = "") -> dict[str, bytes]:
 
 
 def _convert(what: str, session: Session, unit: str | None) -> dict[str, bytes]:
-    """One file of another tool, or a zip of several; of all objects where it holds several."""
-    own, scene = session.document, as_saved(scene_to_save(session))
+    """Convert to one file, or a zip of several; for all objects if the format holds several."""
+    document, scene = session.document, as_saved(scene_to_save(session))
     of_all = what not in FORMATS or FORMATS[what].several_objects
-    stem = _export_stem(own, own.at, of_all)
+    stem = _export_stem(document, document.view_index, of_all)
     with TemporaryDirectory() as folder:
         out = Path(folder, f"{stem}{CONVERTED[what]}")
         if what in FORMATS:
             if not FORMATS[what].several_objects:
-                scene = replace(scene, objects=(scene.objects[own.active],))
+                scene = replace(scene, objects=(scene.objects[document.active],))
             options = ConvertOptions(image="0", object_id=1, unit=unit, overwrite=True)
             FORMATS[what].convert(scene, out, options)
         else:
@@ -153,32 +151,31 @@ def _convert(what: str, session: Session, unit: str | None) -> dict[str, bytes]:
         return {f"{stem}.{what.partition(',')[0]}.zip": memory.getvalue()}
 
 
-def _relative_poses(own: Document) -> dict[str, bytes]:
-    """The active object's pose in the frame of every other one (JSON)."""
-    name, placed = Path(own.photo.name).stem + CONVERTED[RELATIVE], own.object.is_placed
-    others = [(i, item) for i, item in enumerate(own.scene.objects) if item.is_placed and placed]
+def _relative_poses(document: Document) -> dict[str, bytes]:
+    """JSON file of the active object's pose in the frame of every other one."""
+    name = Path(document.photo.name).stem + CONVERTED[RELATIVE]
     poses = [
-        {"frame": label_of(item), **measure_relative(own.scene, own.active, i)}
-        for i, item in others
-        if i != own.active
+        {"frame": label_of(item), **measure_relative(document.scene, document.active, index)}
+        for index, item in enumerate(document.scene.objects)
+        if document.object.is_placed and item.is_placed and index != document.active
     ]
     if not poses:
         raise SettingsError("relative poses are between objects that are placed; add another one")
-    data = {"object": label_of(own.object), "unit": own.mesh.unit, "poses": poses}
+    data = {"object": label_of(document.object), "unit": document.mesh.unit, "poses": poses}
     return {name: json_bytes(Path(name), data, SettingsError)}
 
 
 def picture_of(
     document: Document, look: str = "outline", opacity: float = SOLID_OPACITY
 ) -> Picture:
-    """(height, width, 3) RGB: the photo with the active object and all that stand in it."""
+    """Draw the active object and all shown ones over the photo: (height, width, 3), RGB."""
     objects = tuple(
-        replace(one, hidden=index != document.active and not stands(one))
-        for index, one in enumerate(document.scene.objects)
+        replace(item, hidden=index != document.active and not is_shown(item))
+        for index, item in enumerate(document.scene.objects)
     )
-    meshes = {one.mesh for one in objects if not one.hidden}
+    meshes = {item.mesh for item in objects if not item.hidden}
     renderers = {mesh: renderer_of(mesh).clone() for mesh in meshes}
     index = 0 if len(objects) == 1 else None
     scene = replace(document.scene, objects=objects)
-    shown = api.Registration(scene, renderers, index, document.at)
+    shown = api.Registration(scene, renderers, index, document.view_index)
     return shown.picture(look, opacity=opacity)

@@ -1,4 +1,4 @@
-"""Jobs beside the session: preparation, search, proposals."""
+"""Workers for preparation, search and proposals."""
 
 from __future__ import annotations
 
@@ -13,10 +13,15 @@ import numpy as np
 from poseviewer.app.state.document import Document, reference_view
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.pose_edits import move_to
-from poseviewer.app.state.proposal_edits import start_fitted, starts_proposed, stop_proposing
+from poseviewer.app.state.proposal_edits import list_starts, stop_proposing, take_fitted_start
 from poseviewer.app.state.results import Preparation
 from poseviewer.app.state.search_edits import preparation_advanced, search_advanced, search_failed
-from poseviewer.app.state.searches import LossComparison, SearchRequest, start_query
+from poseviewer.app.state.searches import (
+    LossComparison,
+    ProposedStarts,
+    SearchRequest,
+    start_query,
+)
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.worker import Worker, lower_priority
 from poseviewer.errors import PoseViewerError, RendererUnavailableError, SettingsError, sentence_of
@@ -48,10 +53,10 @@ _ready: WeakSet[Mesh] = WeakSet()
 
 
 def renderer_of(mesh: Mesh, name: RendererName = "auto") -> SoftwareRenderer:
-    """The renderer of a model by its name; clone it to draw in another thread.
+    """The cached renderer of a mesh; clone it to draw in another thread.
 
     Raises:
-        SettingsError: there is no GPU; OpenGL is wanted, which the app has not.
+        SettingsError: there is no GPU, or the renderer is ``opengl``, which the app lacks.
     """
     field = "choose another one in the step Fit, Settings, Renderer."
     if name == "opengl":
@@ -76,17 +81,21 @@ def _renderer_of(mesh: Mesh, is_on_gpu: bool) -> SoftwareRenderer:
 
 
 def has_renderer(mesh: Mesh) -> bool:
-    """Whether the model has been made ready."""
+    """Whether the mesh has its software renderer."""
     return mesh in _ready
 
 
 def for_one_thread(make: Callable[[SoftwareRenderer], R]) -> Callable[..., R]:
-    """Cache ``make(clone)`` for the last arguments of ``renderer_of``; for one job's thread."""
-    return lru_cache(maxsize=1)(lambda *about: make(renderer_of(*about).clone()))
+    """Cache ``make(clone)`` for the last arguments of ``renderer_of``; for one worker's thread."""
+    return lru_cache(maxsize=1)(lambda *arguments: make(renderer_of(*arguments).clone()))
 
 
 def prepare(mesh: Mesh) -> Iterator[Preparation]:
-    """Make ready kernels and renderer of a model; raises ``SettingsError``: none are compiled."""
+    """Compile kernels and make the renderer of a mesh.
+
+    Raises:
+        SettingsError: the kernels cannot be compiled.
+    """
     from poseviewer.render.software.compiled import compile_steps, kernels_are_compiled
 
     try:
@@ -98,15 +107,15 @@ def prepare(mesh: Mesh) -> Iterator[Preparation]:
 
 
 def preparing(notify: Callable[[], None]) -> Worker[Mesh, Edit]:
-    """Make ready the model at hand."""
+    """Prepare the active object's model."""
 
-    def asked(session: Session) -> Mesh | None:
+    def request_of(session: Session) -> Mesh | None:
         mesh = session.document.mesh
         return None if has_renderer(mesh) else mesh
 
     return Worker(
         "preparation",
-        asked,
+        request_of,
         lambda mesh: map(preparation_advanced, prepare(mesh)),
         notify,
         failed=lambda _, error: preparation_advanced(Preparation(trouble=str(error))),
@@ -114,7 +123,7 @@ def preparing(notify: Callable[[], None]) -> Worker[Mesh, Edit]:
 
 
 def searching() -> Worker[SearchRequest, Edit]:
-    """Search, as soon as all is ready; the loop looks for its updates."""
+    """Search once all is prepared; the main loop polls the progress."""
     return Worker(
         "search",
         lambda now: now.search if now.is_searching and not now.preparation else None,
@@ -124,16 +133,16 @@ def searching() -> Worker[SearchRequest, Edit]:
 
 
 def proposing(notify: Callable[[], None]) -> Worker[Document, Edit]:
-    """Propose start poses, as soon as all is ready."""
+    """Propose start poses once all is prepared."""
 
-    def asked(session: Session) -> Document | None:
-        wanted = session.proposals if session.preparation is None else None
-        return wanted.document if wanted is not None and not wanted.is_over else None
+    def request_of(session: Session) -> Document | None:
+        is_wanted = session.preparation is None and session.is_proposing
+        return session.proposals.document if session.proposals and is_wanted else None
 
     job = Worker(
         "proposals",
-        asked,
-        lambda document: proposed(document, lambda: job.require_asked(document)),
+        request_of,
+        lambda document: propose_and_fit(document, lambda: job.require_current(document)),
         notify,
         failed=lambda *_: stop_proposing(),
         low_priority=True,
@@ -141,33 +150,33 @@ def proposing(notify: Callable[[], None]) -> Worker[Document, Edit]:
     return job
 
 
-def proposed(document: Document, watch: Callable[[], None]) -> Iterator[Edit]:
-    """Propose start poses, and fit the best for a model that is nowhere; ``watch`` may raise."""
+def propose_and_fit(document: Document, watch: Callable[[], None]) -> Iterator[Edit]:
+    """Propose start poses, and fit a model without a pose from the best; ``watch`` may raise."""
     query = start_query(document)
     renderer = renderer_of(document.mesh, document.settings.renderer).clone()
     try:
-        placed = [document.scene.model_at(index, document.at) for index in document.others]
-        same = [one for one in placed if one.mesh is document.mesh]
-        starts = tuple(propose_beside(query, same, renderer, lower_priority, watch))
-        lines = tuple(quick_silhouette(document.mesh, renderer, one.pose) for one in starts)
-        yield starts_proposed(document, starts, lines)
+        others = [document.scene.model_at(index, document.view_index) for index in document.others]
+        instances = [model for model in others if model.mesh is document.mesh]
+        starts = tuple(propose_beside(query, instances, renderer, lower_priority, watch))
+        lines = tuple(quick_silhouette(document.mesh, renderer, start.pose) for start in starts)
+        yield list_starts(ProposedStarts(document, starts, lines))
         if document.object.is_placed:
             return
         best = best_start(query, starts, renderer, watch).pose
-        begun = move_to(document, best).started
-        request = SearchRequest(begun, (begun.settings,), (begun.active,))
-        for progress in run_search(request):  # noqa: B007 - the last one is wanted
+        at_best = move_to(document, best).with_start_here
+        request = SearchRequest(at_best, (at_best.settings,), (at_best.active,))
+        for progress in run_search(request):  # noqa: B007 - the last one is used
             watch()
-        away = [pose_error(document.mesh, best, one.pose).reprojection_px for one in starts]
-        yield start_fitted(document, request, progress, int(np.argmin(away)))
+        errors_px = [pose_error(document.mesh, best, s.pose).reprojection_px for s in starts]
+        yield take_fitted_start(document, request, progress, int(np.argmin(errors_px)))
     except PoseViewerError:
         if document.object.is_placed:
             raise
-        yield starts_proposed(document, (), ())
+        yield list_starts(ProposedStarts(document))
 
 
 def search_edits(request: SearchRequest) -> Iterator[Edit]:
-    """Search by each method in turn; the last edit holds the comparison of several ends."""
+    """Search by each method in turn; the last edit compares the ends of several."""
     ends: list[SearchProgress] = []
     for settings in request.methods:
         for progress in run_search(request, settings):
@@ -182,8 +191,8 @@ def search_edits(request: SearchRequest) -> Iterator[Edit]:
 def run_search(
     request: SearchRequest, settings: FitSettings | None = None
 ) -> Iterator[SearchProgress]:
-    """Search by one method, by default the first: the progress after every evaluation, and once
-    more when it is over.
+    """Search by one method, by default the first; yields the progress after every evaluation and
+    once more at the end.
 
     Raises:
         PoseViewerError: an object cannot be compared, or there is no such renderer.
@@ -191,20 +200,20 @@ def run_search(
     start, indices = request.start, request.object_indices
     settings = settings or request.methods[0]
     scene = start.scene.with_object(start.active, settings=settings)
-    view, objects = reference_view(scene, start.active, start.at), scene.objects
+    view, objects = reference_view(scene, start.active, start.view_index), scene.objects
     renderers = {i: renderer_of(objects[i].mesh, settings.renderer).clone() for i in indices}
     progress: SearchProgress | None = None
     for progress in Search(scene, renderers, indices, processors(), view).run():
         yield progress
     if progress is None:
         for index in indices:
-            make_problem(scene, index, view)  # says why it cannot be compared, and what to do
+            make_problem(scene, index, view)  # raises the reason
         raise SettingsError("the objects stand wholly behind others: bring one to the front")
     yield replace(progress, is_over=True)
 
 
 def compare_ends(ends: Sequence[SearchProgress], renderer: Renderer) -> LossComparison:
-    """Judge the ends of searches by several losses by each of these losses."""
+    """Compare the ends of searches by several losses."""
     order = list(LOSSES)
     ends = tuple(sorted(ends, key=lambda end: order.index(end.settings.loss)))
     losses = [

@@ -1,4 +1,4 @@
-"""Maps of the loss about the pose at hand: which are wanted now, and the job that makes them."""
+"""Maps of the loss about the current pose, and the worker that makes them."""
 
 from __future__ import annotations
 
@@ -30,41 +30,42 @@ if TYPE_CHECKING:  # numba takes a quarter of a second
 
 SIZE = 41
 SEARCH_MAPS_S = 0.5
-"""Seconds between maps that follow a search: the processor is for the search."""
+"""Period of maps during a search, which needs the processors."""
 
 
-def will_do(begun: Session, asked: Session, busy: bool) -> bool:
-    """Whether maps that were begun, and are under way (``busy``) or done, do for what is asked."""
-    if _losses_of(begun) != _losses_of(asked):
+def serves(begun: Session, request: Session, busy: bool) -> bool:
+    """Whether maps that were begun, and are under way (``busy``) or done, answer a request."""
+    if _losses_of(begun) != _losses_of(request):
         return False
-    if begun.is_moving and asked.is_moving and busy:
-        return True  # coarse maps are soon done; a new start for every step shows none
-    return begun.document.pose is asked.document.pose and (asked.is_moving or not begun.is_moving)
+    if begun.is_moving and request.is_moving and busy:
+        return True  # coarse maps are soon done; restarted at every step, they would never be
+    is_fine = request.is_moving or not begun.is_moving
+    return begun.document.pose is request.document.pose and is_fine
 
 
 def _losses_of(request: Session) -> tuple[object, ...]:
-    """Values that are equal where losses are, along the axes of the same camera."""
+    """Values that are equal if the losses and the axes of the maps are the same."""
     search = request.own_progress
     return request.mapped, request.display.half_width, search and search.problem, *request.pixels
 
 
 def mapping() -> Worker[Session, Edit]:
-    """Make the maps that the session asks for, coarse ones while the pose moves."""
+    """Make the maps of the session, only coarse ones while the pose moves."""
     maker = for_one_thread(MapMaker)
 
     def make(request: Session) -> Iterator[Edit]:
-        own = request.document
+        document = request.document
         try:
-            for landscapes in maker(own.mesh, own.settings.renderer).run(request):
-                yield show_results(own, landscapes=landscapes, maps_note="")
+            for landscapes in maker(document.mesh, document.settings.renderer).run(request):
+                yield show_results(document, landscapes=landscapes, maps_note="")
         except PoseViewerError as error:
-            yield show_results(own, maps_note=str(error))
+            yield show_results(document, maps_note=str(error))
 
     return Worker(
         "maps",
         lambda now: None if now.preparation else now.request,
         make,
-        serves=will_do,
+        serves=serves,
         period_s=lambda now: SEARCH_MAPS_S if now.is_searching else 0.0,
         low_priority=True,
     )
@@ -75,17 +76,17 @@ class _Case:
     """A loss that is mapped: on the photos, and on coarser ones for quick maps."""
 
     losses: tuple[object, ...]
-    """Values that say which losses it is made for."""
+    """Result of ``_losses_of``."""
     problem: FitProblem
     start: Pose
-    """The pose about which pixels are compared, in the problem's first view."""
+    """Pose in the problem's first view about which pixels are compared."""
     quick: FitProblem
     pool: RendererPool
-    """Draws for ``quick``."""
+    """Renderers for ``quick``."""
 
 
 class MapMaker:
-    """Makes maps of a model, one after another, for one thread; others of low priority help."""
+    """Makes maps of a model in one thread, helped by others of low priority."""
 
     def __init__(self, renderer: SoftwareRenderer) -> None:
         self._renderer = renderer
@@ -94,44 +95,44 @@ class MapMaker:
         self._is_prepared = False
 
     def run(self, request: Session) -> Iterator[tuple[Landscape, ...]]:
-        """The maps by each loss, coarse to fine, as soon as there is a first grid of each map."""
+        """Yield the maps by each loss, coarse to fine, once each map has its first grid."""
         cases = [self._case(request, settings) for settings in request.mapped]
-        own, width = request.document, request.display.half_width
-        known = [
-            Landscape(own, case.problem, case.start, own.numbers_in(case.problem), width)
+        document, width = request.document, request.display.half_width
+        landscapes = [
+            Landscape(document, case.problem, case.start, document.params_in(case.problem), width)
             for case in cases
         ]
         first, *more = QUICK_SIZES
         for size in (first, *more) if request.is_moving else (first, *more, SIZE):
-            if size == SIZE and not self._is_prepared:  # now, and not when it is waited for
+            if size == SIZE and not self._is_prepared:  # before a search waits for it
                 self._is_prepared = True
                 make_stages(cases[0].problem, self._renderer)
             for index, case in enumerate(cases):
                 coarse, fine = (case.quick, case.pool), (case.problem, self._fine)
                 levels = coarse if size < SIZE else fine
-                for latest in maps(known[index], *levels, size):
-                    known[index] = latest
+                for landscape in refine_maps(landscapes[index], *levels, size):
+                    landscapes[index] = landscape
                     if size != first:
-                        yield tuple(known)
+                        yield tuple(landscapes)
             if size == first:
-                yield tuple(known)
+                yield tuple(landscapes)
 
     def _case(self, request: Session, settings: FitSettings) -> _Case:
-        """The case of a loss, made anew where others are compared; as a search has it, if any."""
+        """The case of a loss: cached, with the problem of a search if there is one."""
         before = self._cases.get(settings.loss)
         losses, search = _losses_of(request), request.own_progress
         if before is not None and before.losses == losses:
             return before
-        own = request.document
-        anchor = request.compared.with_object(own.active, settings=settings)
-        view = reference_view(anchor, own.active, own.at)
+        document = request.document
+        anchor = request.compared_scene.with_object(document.active, settings=settings)
+        view = reference_view(anchor, document.active, document.view_index)
         if search is not None and search.settings == settings:
             problem = search.problem
         else:
-            problem, _ = make_problem(anchor, own.active, view)
-        numbers, start = own.numbers_in(problem), anchor.pose(own.active, view)
+            problem, _ = make_problem(anchor, document.active, view)
+        params, start = document.params_in(problem), anchor.pose(document.active, view)
         levels = [
-            quick_level(alone, alone.chart.to_pose(numbers), self._renderer)
+            quick_level(alone, alone.chart.to_pose(params), self._renderer)
             for alone in problem.by_view
         ]
         quick = problem.on([level.photo for level in levels])
@@ -143,14 +144,21 @@ class MapMaker:
 
 
 def _pool(renderer: Renderer) -> RendererPool:
-    """Threads for the maps: one processor is left to drawing and to the page."""
+    """Renderers for the maps; one processor is left to drawing and the page."""
     return RendererPool(renderer, threads=max(processors() - 1, 1), begin=lower_priority)
 
 
-def maps(
+def refine_maps(
     landscape: Landscape, problem: FitProblem, pool: RendererPool, size: int
 ) -> Iterator[Landscape]:
-    """The landscape, after every row of a map, by a problem on its own or on coarser photos."""
+    """Yield the landscape after every row of a map.
+
+    Args:
+        landscape: with coarser maps, or none.
+        problem: on the photos, or on coarser ones.
+        pool: renderers for the problem.
+        size: points along each side of a map.
+    """
     newest = {(piece.first, piece.second): piece for piece in landscape.slices}
     first = strides(size)[0]
     options = {"half_width": landscape.half_width, "size": size, "smooth": True}

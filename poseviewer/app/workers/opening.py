@@ -1,11 +1,10 @@
-"""Opening files for the app: read, check and make ready, away from the main loop."""
+"""Open files as documents, away from the main loop."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from poseviewer.app.state.camera_change import with_camera
-from poseviewer.app.state.document import Document
+from poseviewer.app.state.document import Document, with_camera
 from poseviewer.app.state.objects import with_added
 from poseviewer.app.state.pose_edits import move_to
 from poseviewer.errors import PoseFileError, QuickStartError
@@ -23,7 +22,7 @@ from poseviewer.geometry.lens import LensModel, same_undistortion
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.scene.assets import ModelFile, PhotoFile
 from poseviewer.scene.settings import FitSettings
-from poseviewer.scene.types import InView, View
+from poseviewer.scene.types import InView, Scene, View
 from poseviewer.starts import loading
 from poseviewer.starts.loading import Start, StartInputs, known_scale, notes_of
 from poseviewer.starts.placing import look_from
@@ -38,22 +37,20 @@ def open_files(
     without: Sequence[str] = (),
     objects: Sequence[Path] = (),
 ) -> Document:
-    """Photo and model from their files.
+    """Open a photo and a model.
 
     Args:
-        photo: file of the photo.
-        model: file of the model.
-        pose: file of the start; None: the model is nowhere yet.
-        calibration: camera of the photo.
-        mask: file of the photo's mask.
-        without: names of parts that are left out.
-        objects: files of models that the photo shows as well.
+        photo: its file.
+        model: its file.
+        pose: file of the start pose; None: the model is still to be placed.
+        calibration: of the photo's camera.
+        mask: picture whose white pixels count.
+        without: parts that are left out.
+        objects: files of further models, which are still to be placed.
     """
-    parts, start = FitSettings(without=tuple(without)), pose or _look_from_corner
+    parts, start = FitSettings(without=tuple(without)), pose or _corner_start
     scene = loading.open_photo_scene(photo, model, start, parts, calibration, mask)
-    scene = scene.with_object(0, is_placed=pose is not None, settings=FitSettings())
-    document = Document.of(scene)
-    return with_models(document, objects)
+    return with_models(_make_document(scene, pose), objects)
 
 
 def open_set(
@@ -61,29 +58,30 @@ def open_set(
     model: Path,
     pose: Path | None,
     choice: SetChoice | None = None,
-    view: str | None = None,
-    scale: float | None = None,
     without: Sequence[str] = (),
 ) -> Document:
-    """Several photos and a model.
+    """Open several photos and a model.
 
     Args:
-        path: the set, as ``load_views`` takes it.
-        model: file of the model.
-        pose: file of the start in one of the photos; None: the model is nowhere yet.
-        choice: photos of the set that are taken.
-        view: name of the photo that the start is a pose in.
-        scale: lengths of the model's unit in one of the set's.
-        without: names of parts that are left out.
+        path: file or folder of the set.
+        model: its file.
+        pose: file of the start pose in one photo; None: the model is still to be placed.
+        choice: what the set leaves open.
+        without: parts that are left out.
     """
+    choice = choice or SetChoice()
     views, loaded = load_views(path, choice), load_model(model)
-    start = pose
+    view, start = choice.view, pose
     if start is None:
         view, start = views.views[0].name, _corner_view(loaded, views.views[0].camera)
     parts = FitSettings(without=tuple(without))
-    scene = loading.open_views(views, loaded, start, parts, view, scale)
-    settings = FitSettings()
-    return Document.of(scene.with_object(0, is_placed=pose is not None, settings=settings))
+    scene = loading.open_views(views, loaded, start, parts, view, choice.scale)
+    return _make_document(scene, pose)
+
+
+def _make_document(scene: Scene, pose: Path | None) -> Document:
+    """Document of one object with default settings, placed if there is a pose."""
+    return Document.of(scene.with_object(0, is_placed=pose is not None, settings=FitSettings()))
 
 
 def open_file_set(
@@ -93,15 +91,15 @@ def open_file_set(
     inside: Path | None = None,
     lens_model: LensModel | None = None,
 ) -> Document:
-    """Files that came together, on what is at hand.
+    """Open files that came together, in place of what is open.
 
     Args:
-        now: the document at hand.
-        files: the files by what they are.
-        models: models with all that they name: the first replaces the model at hand, the others
-            are further objects.
-        inside: folder in which all files of a scene have to lie.
-        lens_model: as of ``files.cameras.Calibration``.
+        now: the open document; what the files do not replace stays.
+        files: the sorted files.
+        models: models with the files that they need; the first replaces the active object's model,
+            the others become objects.
+        inside: folder that must contain all files that a scene names.
+        lens_model: OpenCV's lens model, if the file of cameras does not name one.
     """
     if files.scene is not None:
         return open_scene(files.scene, inside=inside)
@@ -121,15 +119,15 @@ def open_file_set(
         if calibration is not None:
             document = with_notes(document, [_camera_note(document, calibration)])
     if models:
-        known = files.models[0].path == now.model.path
-        document = (complete_model if known else open_model)(document, models[0])
+        is_same = files.models[0].path == now.model.path
+        document = (complete_model if is_same else open_model)(document, models[0])
     if files.pose is not None:
         document = open_pose(document, files.pose)
     return with_models(document, models[1:])
 
 
 def _camera_note(document: Document, calibration: Calibration) -> str:
-    """Say what was read of a camera, and what is to be done next."""
+    """Sentence on the camera that was read, and what to do next."""
     photo, path = document.photo, document.view.path
     assert path is not None
     size, name = (photo.width, photo.height), calibration.path.name
@@ -139,12 +137,12 @@ def _camera_note(document: Document, calibration: Calibration) -> str:
 
 
 def with_notes(document: Document, notes: Sequence[str]) -> Document:
-    """Add to what is to be said of the files that were opened."""
+    """Add notes for the user on the opened files."""
     return replace(document, scene=replace(document.scene, notes=(*document.scene.notes, *notes)))
 
 
 def with_models(document: Document, paths: Sequence[Path]) -> Document:
-    """Add objects of the models in these files, still without poses, to what was opened."""
+    """Add objects of the models in files, still to be placed."""
     for path in paths:
         model = load_model(path)
         document = with_notes(with_added(document, model), notes_of(model))
@@ -152,7 +150,7 @@ def with_models(document: Document, paths: Sequence[Path]) -> Document:
 
 
 def open_scene(path: Path, without: Sequence[str] = (), inside: Path | None = None) -> Document:
-    """All objects of a scene file, the first active; ``without``: further parts as ``ID:PART``."""
+    """Open a scene file; parts ``without`` are named ``ID:PART``, ``inside`` bounds its files."""
     settings = FitSettings(without=tuple(without)) if without else None
     return Document.of(
         replace(loading.open_scene_files(load_scene(path, inside), settings), name=path.name)
@@ -160,33 +158,35 @@ def open_scene(path: Path, without: Sequence[str] = (), inside: Path | None = No
 
 
 def open_photo(now: Document, path: Path, calibration: Calibration | None = None) -> Document:
-    """Another photo under the objects at hand, which go where the active one goes, which keeps its
-    side; or a calibrated camera for the photo at hand, in which all keep their places.
+    """Open another photo, where the active object is seen from a corner and the others keep their
+    places beside it; or calibrate the open photo, in which all objects keep their pixels.
     """
     photo, before = load_calibrated_photo(path, calibration), now.view
     camera, is_same = photo.default_camera(), path == before.path
     centre = now.mesh.centre
     poses = (_corner_view(now.model, camera), now.pose)
-    wanted, old_centre = (pose.camera_from_model.apply(centre) for pose in poses)
+    new_centre, old_centre = (pose.camera_from_model.apply(centre) for pose in poses)
     same_pixels = photo.sha256 == before.photo.sha256 and same_undistortion(
         photo.undistortion, before.photo.undistortion
     )
     mask = before.mask if same_pixels else None
     view = View(PhotoFile.of(photo, path), camera, mask=mask)
     objects = []
-    for index, one in enumerate(now.scene.objects):
-        old, own = now.scene.pose(index, now.at), now.scene.in_view(index, now.at)
+    for index, item in enumerate(now.scene.objects):
+        old, own = now.scene.pose(index, now.view_index), now.scene.in_view(index, now.view_index)
         if is_same:
-            pose = with_camera(old, camera, one.mesh.centre)
+            pose = with_camera(old, camera, item.mesh.centre)
         else:
-            turn, shift = old.camera_from_model.rotation, old.camera_from_model.translation
-            pose = Pose(camera, RigidTransform(turn, shift + wanted - old_centre))
-        scale = one.world_from_model.scale / now.object.world_from_model.scale
-        place = view.world_from_model(pose, 1.0 if isinstance(old.camera, Parallel) else scale)
+            motion = old.camera_from_model
+            translation = motion.translation + new_centre - old_centre
+            pose = Pose(camera, RigidTransform(motion.rotation, translation))
+        scale = item.world_from_model.scale / now.object.world_from_model.scale
+        scale = 1.0 if isinstance(old.camera, Parallel) else scale
+        world_from_model = view.world_from_model(pose, scale)
+        start = {"start": world_from_model, "start_cameras": (camera,)}
         in_views = (InView(mask=own.mask if same_pixels else None),)
-        changes = {"in_views": in_views, "is_placed": is_same and one.is_placed, "result": None}
-        changes |= {"start": place, "start_cameras": (camera,)}
-        objects.append(replace(one, world_from_model=place, **changes))
+        item = replace(item, in_views=in_views, is_placed=is_same and item.is_placed, result=None)
+        objects.append(replace(item, world_from_model=world_from_model, **start))
     states = tuple(replace(state, marks={}) for state in now.states)
     scene = replace(now.scene, views=(view,), objects=tuple(objects), free_scale=False)
     notes = notes_of(photo)
@@ -197,13 +197,13 @@ def open_photo(now: Document, path: Path, calibration: Calibration | None = None
 
 
 def has_demo_model(document: Document) -> bool:
-    """Whether a photo of the user's is open under the demo's model, of which it shows nothing."""
+    """Whether the demo's model is open with a photo that is not the demo's."""
     files = document.model.path, document.view.path
     return [path is not None and path.parent in PLACES for path in files] == [True, False]
 
 
 def complete_model(now: Document, path: Path) -> Document:
-    """The model at hand with files that it missed; its pose and all marks on it stay."""
+    """Read the open model again, with files that it missed; pose and marks stay."""
     model = load_model(path)
     left_out = [name for name in now.mesh.left_out if name in model.mesh.part_names]
     document = now.with_object(model=model).without_parts(left_out)
@@ -211,30 +211,31 @@ def complete_model(now: Document, path: Path) -> Document:
 
 
 def open_model(now: Document, path: Path) -> Document:
-    """Another model in place of the active one, seen from a corner."""
+    """Open another model for the active object, seen from a corner."""
     model = load_model(path)
     pose = _corner_view(model, now.pose.camera)
-    known = known_scale(LoadedViews(now.scene.name, now.scene.views, now.scene.unit), model.mesh)
-    scale = 1.0 / known if known else None
+    views = LoadedViews(now.scene.name, now.scene.views, now.scene.unit)
+    scale = known_scale(views, model.mesh)
+    scale = 1.0 / scale if scale else None
     settings = FitSettings(seed=now.settings.seed)
-    changes = {"model": model, "settings": settings, "name": "", "hidden": False, "locked": False}
-    changes |= {"without": ()}
-    document = now.with_object(**changes).with_state(pins=(), marks={}).at_pose(pose, scale=scale)
-    document = move_to(document, pose).started.with_object(is_placed=False)
+    document = now.with_object(model=model, settings=settings, without=())
+    document = document.with_object(name="", hidden=False, locked=False)
+    document = document.with_state(pins=(), marks={}).at_pose(pose, scale=scale)
+    document = move_to(document, pose).with_start_here.with_object(is_placed=False)
     return with_notes(document, notes_of(model))
 
 
 def open_pose(now: Document, path: Path) -> Document:
-    """A pose file for the active object: its new start, with its masks and without the parts that
-    it leaves out; of several photos, the one that it is of becomes the large one.
+    """Open a pose file as the active object's start, with its masks and parts left out; the view
+    that it belongs to becomes the large one.
     """
     photo = now.photo
     scale = None
     parts = FitSettings(without=now.object.without)
     if len(now.scene.views) > 1:
         views = LoadedViews(now.scene.name, now.scene.views, now.scene.unit)
-        known = None if now.scene.free_scale else 1.0 / now.object.world_from_model.scale
-        opened = loading.open_views(views, now.model, path, parts, scale=known)
+        scale = None if now.scene.free_scale else 1.0 / now.object.world_from_model.scale
+        opened = loading.open_views(views, now.model, path, parts, scale=scale)
         scale = opened.objects[0].world_from_model.scale
     else:
         lens = load_pose(path).undistortion
@@ -248,20 +249,20 @@ def open_pose(now: Document, path: Path) -> Document:
             file = PhotoFile.of(view.photo, document.view.path)
             shown = replace(document.view, file=file, mask=None)
             document = replace(document, scene=replace(now.scene, views=(shown,)))
-            document = document.with_mask(None, own=True)
+            document = document.with_mask(None, for_object=True)
         if view.mask is not None:
-            document = document.with_mask(view.mask, own=len(now.scene.objects) > 1)
+            document = document.with_mask(view.mask, for_object=len(now.scene.objects) > 1)
     without = opened.objects[0].without
     document = document if without == now.object.without else document.without_parts(without)
     document = document.with_view(names.index(opened.views[0].name))
-    document = document.at_pose(opened.pose(0), scale=scale).started
+    document = document.at_pose(opened.pose(0), scale=scale).with_start_here
     document = document.with_object(note=opened.objects[0].note or now.object.note)
     files = (*(view.photo for view in opened.views), now.model)
-    of_files = {note for file in files for note in notes_of(file)}
-    return with_notes(document, [note for note in opened.notes if note not in of_files])
+    old_notes = {note for file in files for note in notes_of(file)}
+    return with_notes(document, [note for note in opened.notes if note not in old_notes])
 
 
-def _look_from_corner(inputs: StartInputs) -> Start:
+def _corner_start(inputs: StartInputs) -> Start:
     return Start(_corner_view(inputs, inputs.photo.default_camera()), ())
 
 
@@ -269,31 +270,33 @@ def _corner_view(model: ModelFile | StartInputs, camera: Camera) -> Pose:
     return look_from("three-quarter", model.mesh, model.keypoints, camera)
 
 
-def open_autosaved(kept: AutosavedSession) -> Document:
-    """Open the session that an earlier run left behind; objects whose models are gone are named.
+def open_autosaved(autosave: AutosavedSession) -> Document:
+    """Open the session of an earlier run, with notes on objects whose models are gone.
 
     Raises:
-        PoseViewerError: a photo, or the active object's model, is gone, or cannot be used.
+        PoseViewerError: a photo or the active object's model is gone, or cannot be used.
     """
-    scene, notes = kept.scene, list[str]()
-    names = kept.photo_names or tuple(view.name for view in scene.views)
+    scene, notes = autosave.scene, list[str]()
+    names = autosave.photo_names or tuple(view.name for view in scene.views)
     for view, name in zip(scene.views, names, strict=True):
         _require_there(view.file.location, name)
-    for one in scene.objects:
+    for item in scene.objects:
         try:
-            _require_there(one.model.location, one.model.name)
+            _require_there(item.model.location, item.model.name)
         except PoseFileError as error:
-            if one.id == kept.active_object:
+            if item.id == autosave.active_object:
                 raise
             notes.append(str(error))
-    objects = tuple(one for one in scene.objects if one.model.location.is_file())
+    objects = tuple(item for item in scene.objects if item.model.location.is_file())
     scene = loading.open_scene_files(replace(scene, objects=objects))
     views = tuple(
         replace(view, file=PhotoFile.of(replace(view.photo, name=name), view.path))
         for view, name in zip(scene.views, names, strict=True)
     )
     document = Document.of(replace(scene, views=views))
-    document = replace(document, active=scene.index(kept.active_object), at=kept.active_view)
+    document = replace(
+        document, active=scene.index(autosave.active_object), view_index=autosave.active_view
+    )
     return with_notes(document, notes)
 
 

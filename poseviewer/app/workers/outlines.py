@@ -1,4 +1,4 @@
-"""Outlines of the objects that are not active, and of all objects in each of several views."""
+"""Worker for outlines: of other objects in the large view, and of all in the small ones."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from poseviewer.app.state.display_edits import set_fields
-from poseviewer.app.state.document import stands
+from poseviewer.app.state.document import is_shown
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.objects import MAX_OBJECTS
 from poseviewer.app.state.results import Outlines
@@ -24,85 +24,84 @@ from poseviewer.render.overlay.contour import quick_silhouette, select_visible_l
 from poseviewer.scene.types import PlacedModel
 
 MAX_SAMPLES = 400_000
-"""Most samples of the picture that tells which object hides which."""
-DRAWN_PX = 320
-"""Pixels of the longer side of the picture that a small photo's outline is found on."""
+"""Pixels of the depth images that tell which object occludes which."""
+SMALL_PX = 320
+"""Longer side of the rendering from which a small view's outline is taken."""
+MAX_CACHED_OUTLINES = 512
+"""Number of outlines: 30 objects in as many views as a strip shows."""
 
-LINES_KEPT = 512
-"""Outlines that are kept: those of 30 objects in as many photos as a strip shows."""
-
-Numbered = Mapping[int, tuple[Mesh, Pose]]
+ModelsById = Mapping[int, tuple[Mesh, Pose]]
 
 
 @dataclass(frozen=True, slots=True)
 class OutlineRequest:
-    """Request for outlines; equal where models and poses are."""
+    """Request for outlines; equal if models and poses are."""
 
-    large: Numbered
-    """Objects in the large view that are not active, by their numbers."""
+    large: ModelsById
+    """Objects but the active one in the large view, by their ids."""
     front: tuple[tuple[Mesh, Pose], ...]
-    """Active object where it is at rest: it hides what is behind it."""
-    small: tuple[Numbered, ...]
-    """Objects in each of several views, by their numbers."""
+    """Active object while it is at rest, as an occluder."""
+    small: tuple[ModelsById, ...]
+    """Objects in each of several views, by their ids."""
 
     @classmethod
     def of(cls, session: Session) -> OutlineRequest:
-        """The outlines that are to be drawn by now."""
-        own, scene = session.document, session.document.scene
+        """The request of a session."""
+        document, scene = session.document, session.document.scene
 
-        def place_of(index: int, view: int) -> tuple[Mesh, Pose]:
+        def model_at(index: int, view: int) -> tuple[Mesh, Pose]:
             return scene.objects[index].mesh, scene.pose(index, view)
 
-        numbers = [int(one.id) for one in scene.objects]
-        large = {numbers[index]: place_of(index, own.at) for index in own.others}
-        is_at_rest = large and not session.is_moving and stands(own.object)
-        shown = [index for index, one in enumerate(scene.objects) if stands(one)]
+        ids = [int(item.id) for item in scene.objects]
+        large = {ids[index]: model_at(index, document.view_index) for index in document.others}
+        is_at_rest = large and not session.is_moving and is_shown(document.object)
+        shown = [index for index, item in enumerate(scene.objects) if is_shown(item)]
         views = range(len(scene.views)) if len(scene.views) > 1 else ()
         return cls(
             large,
-            (place_of(own.active, own.at),) if is_at_rest else (),
-            tuple({numbers[i]: place_of(i, view) for i in shown} for view in views),
+            (model_at(document.active, document.view_index),) if is_at_rest else (),
+            tuple({ids[i]: model_at(i, view) for i in shown} for view in views),
         )
 
 
 def outlining(notify: Callable[[], None]) -> Worker[OutlineRequest, Edit]:
-    """Draw outlines beside that of the active object, one drawing at a time."""
+    """Draw outlines; a drawing under way is finished before the next one."""
     renderer = lru_cache(maxsize=MAX_OBJECTS)(lambda mesh: renderer_of(mesh).clone())
 
-    @lru_cache(maxsize=LINES_KEPT)
+    @lru_cache(maxsize=MAX_CACHED_OUTLINES)
     def outline(mesh: Mesh, pose: Pose) -> FloatArray:
         return quick_silhouette(mesh, renderer(mesh), pose)
 
     def share(mesh: Mesh, pose: Pose) -> FloatArray:
         if not PlacedModel(mesh, pose).is_seen:
             return np.zeros((0, 2, 2))
-        pose = pose.rescale(min(1.0, DRAWN_PX / max(pose.camera.width, pose.camera.height)))
+        pose = pose.rescale(min(1.0, SMALL_PX / max(pose.camera.width, pose.camera.height)))
         return outline(mesh, pose) / np.array([pose.camera.width, pose.camera.height])
 
     def make(request: OutlineRequest) -> Iterator[Edit]:
-        drawn = [request.large, *request.small]
-        meshes = {mesh for placed in drawn for mesh, _ in placed.values()}
+        views = [request.large, *request.small]
+        meshes = {mesh for models in views for mesh, _ in models.values()}
         if renderer.cache_info().currsize > len(meshes) + len(request.front):
-            renderer.cache_clear()  # some are of models that are closed: they fill the memory
+            renderer.cache_clear()  # some are of models that were closed
             outline.cache_clear()
-        lines = {number: outline(*placed) for number, placed in request.large.items()}
+        lines = {object_id: outline(*model) for object_id, model in request.large.items()}
         models = [*request.large.values(), *request.front]
         if lines and len(models) > 1:
             camera = models[0][1].camera
             samples = min(1.0, (MAX_SAMPLES / (camera.width * camera.height)) ** 0.5)
             depths = [renderer(mesh).depth(pose.rescale(samples)) for mesh, pose in models]
             visible = visibility_of_depths(depths)
-            for index, number in enumerate(request.large):
-                visible_pixels = visible.mask(index)
-                if not np.array_equal(visible_pixels, visible.silhouettes[index]):
-                    lines[number] = select_visible_lines(lines[number], visible_pixels, samples)
-        views = ({number: share(*one) for number, one in view.items()} for view in request.small)
-        yield set_fields("results", outlines=Outlines(lines, tuple(views)))
+            for index, object_id in enumerate(request.large):
+                pixels = visible.mask(index)
+                if not np.array_equal(pixels, visible.silhouettes[index]):
+                    lines[object_id] = select_visible_lines(lines[object_id], pixels, samples)
+        small = tuple({key: share(*model) for key, model in view.items()} for view in request.small)
+        yield set_fields("results", outlines=Outlines(lines, small))
 
     return Worker(
         "outlines",
         lambda session: None if session.preparation else OutlineRequest.of(session),
         make,
         notify,
-        serves=lambda begun, asked, busy: busy or begun == asked,
+        serves=lambda begun, request, busy: busy or begun == request,
     )

@@ -1,4 +1,4 @@
-"""The model drawn over the photo, and its loss there: at once while it moves, finely at rest."""
+"""Workers that draw the active object, quickly while it moves and finely at rest, and its loss."""
 
 from __future__ import annotations
 
@@ -28,31 +28,30 @@ from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.overlay.contour import Sketch, quick_silhouette, silhouette
 from poseviewer.render.overlay.edges import find_lines
 from poseviewer.render.overlay.styles import ModelInPhoto, Relight, draw_style, line_scale
-from poseviewer.scene.types import PlacedModel, Scene
+from poseviewer.scene.types import PlacedModel
 from poseviewer.starts.placing import fit_into_rectangle
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.software_renderer import SoftwareRenderer
 
 MAX_PICTURE_PIXELS = 2_000_000
-"""Pixels of a drawn picture; of larger photos it is drawn smaller."""
+"""Pixels of a drawn picture; larger photos are drawn smaller."""
 SEARCH_DRAW_S = 0.1
-"""A search is drawn no oftener: the processor is for the search."""
+"""Period of drawings during a search, which needs the processors."""
 SETTLED_S = 0.15
-"""After so long without motion the fine drawing is begun."""
-
-
+"""Time at rest before the fine drawing begins."""
 ALONE_PX = 760
-"""px: longer side of the picture of the model alone."""
+"""Longer side of the picture of the model alone."""
 ALONE_MARGIN = 0.08
-"""Fraction of that picture's sides left free."""
+"""Share of that picture's sides left free."""
 ALONE_GROUND = (22, 24, 29)
 """RGB behind the model alone."""
-_shown_pixels, _sketch_of = lru_cache(maxsize=1)(Photo.as_rgb8), lru_cache(maxsize=1)(Sketch)
+_cached_pixels = lru_cache(maxsize=1)(Photo.as_rgb8)
+_cached_sketch = lru_cache(maxsize=1)(Sketch)
 
 
 class LossReader:
-    """Reads the losses of one pose after another, for one thread."""
+    """Evaluates the loss of poses in one thread, and caches the views."""
 
     def __init__(self, renderer: SoftwareRenderer) -> None:
         self.renderer = renderer
@@ -62,96 +61,97 @@ class LossReader:
         self._start = 0.0
 
     def views(self, request: Session) -> tuple[ViewResidual, ...]:
-        """The views as they are compared about the request's anchor; none where they cannot be."""
-        own = request.document
-        about = own.object.start, own.object.start_cameras, *request.pixels
+        """The views as they are compared about the request's anchor; empty if they cannot be."""
+        document = request.document
+        about = document.object.start, document.object.start_cameras, *request.pixels
         if about != self._about:
             self._about = about
             self._views = ()
             self._note = ""
-            # Which numbers are searched for is another matter.
+            # The loss does not depend on the free parameters.
             free = {"free_focal": False, "free_principal_point": False}
-            plain = replace(own.settings, lock=(), chart="auto", **free)
-            anchor = request.compared.with_object(own.active, settings=plain)
-            view = reference_view(anchor, own.active, own.at)
+            plain = replace(document.settings, lock=(), chart="auto", **free)
+            anchor = request.compared_scene.with_object(document.active, settings=plain)
+            view = reference_view(anchor, document.active, document.view_index)
             try:
-                self._views = make_problem(anchor, own.active, view)[0].views
-                self._start = self._read_all(own, own.reset.scene)[0].loss
+                self._views = make_problem(anchor, document.active, view)[0].views
+                self._start = self._read_all(document.at_start)[0].loss
             except PoseViewerError as error:
                 self._note = str(error)
         return self._views
 
     def read(self, request: Session) -> LossReading:
-        """The losses of a pose, or why there are none."""
-        own, views = request.document, self.views(request)
+        """Evaluate the losses, or say why there are none."""
+        document, views = request.document, self.views(request)
         if not views:
             return LossReading(request, note=self._note)
-        mean, of_views = self._read_all(own, own.scene)
-        return LossReading(request, mean, "", self._start, of_views)
+        mean, by_view = self._read_all(document)
+        return LossReading(request, mean, "", self._start, by_view)
 
-    def _read_all(self, own: Document, scene: Scene) -> tuple[Unexplained, dict[int, Unexplained]]:
-        """Unexplained shares where the active object is in a scene: mean, and of each view."""
-        of_views = {
-            view.view_index: self._read(view, own, scene.pose(own.active, view.view_index))
+    def _read_all(self, document: Document) -> tuple[Unexplained, dict[int, Unexplained]]:
+        """Unexplained shares at the active object's pose: mean, and by view."""
+        scene, active = document.scene, document.active
+        by_view = {
+            view.view_index: self._read(view, scene.model_at(active, view.view_index))
             for view in self._views
         }
-        return mean_over(tuple(of_views.values())), of_views
+        return mean_over(tuple(by_view.values())), by_view
 
-    def _read(self, view: ViewResidual, own: Document, pose: Pose) -> Unexplained:
+    def _read(self, view: ViewResidual, model: PlacedModel) -> Unexplained:
         scale = LossScale.of(view.photo)
-        if not pose.camera_from_model.apply(own.mesh.centre)[2] > 0.0:
+        if not model.depth > 0.0:
             return Unexplained(scale, scale.worst)
-        moments = self.renderer.moments(pose, view.photo)
+        moments = self.renderer.moments(model.pose, view.photo)
         return scale.read(view.loss(moments), moments)
 
 
 class OverlayDrawer:
-    """Draws one model after another, for one thread; keeps what takes time to make."""
+    """Draws overlays in one thread, with cached renderers."""
 
     def __init__(self, renderer: SoftwareRenderer) -> None:
-        # A renderer keeps what helps with the next picture of the same size: one for each size.
+        # A renderer caches for pictures of one size.
         self._quick, self._fine = renderer, renderer.clone()
         self._reader = LossReader(renderer.clone())
 
     def draw(self, request: Session) -> Overlay:
-        """Draw lines quickly, or a picture."""
-        own, style = request.document, request.display.style
+        """Draw the quick outline, or a picture."""
+        document, style = request.document, request.display.style
         if style == "outline":
-            return Overlay(request, quick_silhouette(own.mesh, self._quick, own.pose))
+            return Overlay(request, quick_silhouette(document.mesh, self._quick, document.pose))
         return Overlay(request, NO_LINES) if style == "none" else self._picture(request)
 
     def _picture(self, request: Session) -> Overlay:
-        own = request.document
-        photo = request.document.photo
-        display = request.display
+        document, display = request.document, request.display
+        scene, view_index = document.scene, document.view_index
+        photo = document.photo
         factor = min(1.0, (MAX_PICTURE_PIXELS / (photo.width * photo.height)) ** 0.5)
-        pose = own.pose.rescale(factor)
-        pixels = _shown_pixels(photo, pose.camera.width, pose.camera.height)
+        pose = document.pose.rescale(factor)
+        pixels = _cached_pixels(photo, pose.camera.width, pose.camera.height)
         relight: Relight | None = None
         if display.style in ("relit", "residual"):
             views = self._reader.views(request)
-            compared = next((view.photo for view in views if view.view_index == own.at), None)
+            compared = next((view.photo for view in views if view.view_index == view_index), None)
             if compared is None:
                 return Overlay(request, NO_LINES)
-            relight = partial(render_relit, compared, self._reader.renderer, own.pose)
-        view = ModelInPhoto(pixels, own.mesh, self._fine, pose, relight, display.opacity)
+            relight = partial(render_relit, compared, self._reader.renderer, document.pose)
+        view = ModelInPhoto(pixels, document.mesh, self._fine, pose, relight, display.opacity)
         picture = draw_style(display.style, view)
-        others = tuple((own.scene.objects[i].mesh, own.scene.pose(i, own.at)) for i in own.others)
+        others = tuple((scene.objects[i].mesh, scene.pose(i, view_index)) for i in document.others)
         if others:
-            behind = _depth_of(others, factor) < depth_image(PlacedModel(own.mesh, pose))
-            picture = np.where(behind[..., None], pixels, picture)
+            occluded = _depth_of(others, factor) < depth_image(PlacedModel(document.mesh, pose))
+            picture = np.where(occluded[..., None], pixels, picture)
         return Overlay(request, NO_LINES, picture=picture)
 
 
 @lru_cache(maxsize=1)
 def _depth_of(others: tuple[tuple[Mesh, Pose], ...], factor: float) -> DepthImage:
-    """Depth of the nearest object in a photo drawn ``factor`` as large."""
-    placed = [PlacedModel(mesh, pose.rescale(factor)) for mesh, pose in others]
-    return np.minimum.reduce([depth_image(one) for one in placed])
+    """Depth of the nearest object in a photo rescaled by ``factor``."""
+    models = (PlacedModel(mesh, pose.rescale(factor)) for mesh, pose in others)
+    return np.minimum.reduce([*map(depth_image, models)])
 
 
 def draw_fine_lines(request: Session, renderer: SoftwareRenderer) -> Overlay:
-    """Draw the outline in full resolution, with the edges inside it."""
+    """Draw the outline and the edges inside it at full resolution."""
     mesh, pose = request.document.mesh, request.document.pose
     scale = line_scale(pose.camera.width, pose.camera.height)
     lines = find_lines(mesh, renderer, pose, scale)
@@ -161,13 +161,13 @@ def draw_fine_lines(request: Session, renderer: SoftwareRenderer) -> Overlay:
 
 
 def drawing(notify: Callable[[], None]) -> Worker[Session, Edit]:
-    """Draw the model at once, one picture after another: none is displaced before it is shown."""
+    """Draw the model; a drawing under way is finished before the next one."""
     drawer = for_one_thread(OverlayDrawer)
 
     def make(request: Session) -> Iterator[Edit]:
         mesh, pose = request.document.mesh, request.document.pose
         if request.preparation is not None:
-            overlay = Overlay(request, quick_silhouette(mesh, _sketch_of(mesh), pose))
+            overlay = Overlay(request, quick_silhouette(mesh, _cached_sketch(mesh), pose))
         else:
             overlay = drawer(mesh).draw(request)
         yield show_results(request.document, overlay=overlay)
@@ -177,38 +177,38 @@ def drawing(notify: Callable[[], None]) -> Worker[Session, Edit]:
         lambda session: session.request,
         make,
         notify,
-        serves=lambda begun, asked, busy: busy or begun.drawn == asked.drawn,
+        serves=lambda begun, request, busy: busy or begun.drawn == request.drawn,
         period_s=lambda session: SEARCH_DRAW_S if session.is_searching else 0.0,
     )
 
 
 def refining(notify: Callable[[], None]) -> Worker[Session, Edit]:
-    """Draw the lines finely once the model has come to rest."""
-    renderer = for_one_thread(lambda own: own)
+    """Draw the lines finely once the model is at rest."""
+    renderer = for_one_thread(lambda renderer: renderer)
 
-    def asked(session: Session) -> Session | None:
+    def request_of(session: Session) -> Session | None:
         overlay = session.results.overlay
         if overlay is None or session.is_moving or overlay.request.drawn != session.drawn:
             return None
-        is_asked = session.preparation is None and session.display.style == "outline"
-        return overlay.request if is_asked else None
+        is_wanted = session.preparation is None and session.display.style == "outline"
+        return overlay.request if is_wanted else None
 
     def make(request: Session) -> Iterator[Edit]:
-        job.require_asked(request, SETTLED_S)
+        job.require_current(request, SETTLED_S)
         overlay = draw_fine_lines(request, renderer(request.document.mesh))
         yield show_results(request.document, overlay=overlay)
 
-    job = Worker("fine overlay", asked, make, notify)
+    job = Worker("fine overlay", request_of, make, notify)
     return job
 
 
 def picturing(notify: Callable[[], None]) -> Worker[Document, Edit]:
-    """Draw the model alone where its points are marked."""
-    renderer = for_one_thread(lambda own: own)
+    """Draw the model alone, for marking its points."""
+    renderer = for_one_thread(lambda renderer: renderer)
 
-    def asked(session: Session) -> Document | None:
-        is_asked = session.marks_model and session.preparation is None and not session.is_moving
-        return session.document if is_asked else None
+    def request_of(session: Session) -> Document | None:
+        is_wanted = session.marks_model and session.preparation is None and not session.is_moving
+        return session.document if is_wanted else None
 
     def make(document: Document) -> Iterator[Edit]:
         photo, mesh = document.photo, document.mesh
@@ -219,11 +219,11 @@ def picturing(notify: Callable[[], None]) -> Worker[Document, Edit]:
         view = ModelInPhoto(ground, mesh, renderer(mesh), pose, opacity=1.0)
         yield show_results(document, alone=(pose, draw_style("solid", view)))
 
-    return Worker("model alone", asked, make, notify)
+    return Worker("model alone", request_of, make, notify)
 
 
 def reading(notify: Callable[[], None]) -> Worker[Session, Edit]:
-    """Read the losses of the pose at hand; a search finds those of its poses itself."""
+    """Evaluate the loss of the current pose, except during a search, which reports its own."""
     reader = for_one_thread(LossReader)
 
     def make(request: Session) -> Iterator[Edit]:
@@ -235,5 +235,5 @@ def reading(notify: Callable[[], None]) -> Worker[Session, Edit]:
         lambda now: None if now.preparation or now.is_searching else now.request,
         make,
         notify,
-        serves=lambda begun, asked, busy: busy or begun.at_pose == asked.at_pose,
+        serves=lambda begun, request, busy: busy or begun.at_pose == request.at_pose,
     )

@@ -1,4 +1,4 @@
-"""Work that takes a moment and must all be done, in order: opening files, drawing exports."""
+"""Queue of tasks that are all done, in order: opening files, drawing downloads."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from poseviewer.app.state.document_edits import open_document
 from poseviewer.app.state.edits import Edit, ReviewRow, SavePose, ShowHelp
-from poseviewer.app.state.hiding import Stroke, paint_found
+from poseviewer.app.state.hiding import Stroke, mask_pixels
 from poseviewer.app.state.marking import lay_wheels
 from poseviewer.app.state.objects import add_object
 from poseviewer.app.state.pointer_edits import set_tool
@@ -40,7 +40,7 @@ class TaskResult:
     files: Mapping[str, bytes] = field(default_factory=dict)
     """Contents by names, for one page."""
     client: int = -1
-    """That page."""
+    """Id of that page's client."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,61 +48,65 @@ class QueuedTask:
     """Work that takes a moment."""
 
     run: Callable[[Session, Path], TaskResult]
-    """Does it, on what is open when it begins; the path is that of the app's state."""
+    """Does the work on the session of that moment; the path is the folder of the app's state."""
     working: str = ""
     """Sentence on the page meanwhile."""
     draws: bool = False
-    """Whether it waits until the model can be drawn."""
+    """Whether the task waits until the model can be drawn."""
     size: int = 0
-    """Bytes that it holds until it begins."""
+    """Bytes that the task holds until it begins."""
 
 
 @dataclass(frozen=True, slots=True)
 class Restore:
-    """Open what an earlier session left behind (or forget it)."""
+    """Request to open the autosave of an earlier session, or to drop it."""
 
     wanted: bool
 
 
 Request = Edit | QueuedTask | SavePose | ShowHelp | ReviewRow | Restore
-"""Requests of pages to the main loop."""
+"""Request of a page to the main loop."""
 
 
 class TaskQueue(Worker[tuple[QueuedTask, Session], TaskResult]):
-    """A queue of tasks, and the thread that does them."""
+    """Queue of tasks, and the thread that does them."""
 
     def __init__(self, notify: Callable[[], None], state: Path) -> None:
-        def do(asked: tuple[QueuedTask, Session]) -> Iterator[TaskResult]:
-            task, now = asked
-            yield task.run(now, state)
+        def do(request: tuple[QueuedTask, Session]) -> Iterator[TaskResult]:
+            task, session = request
+            yield task.run(session, state)
 
         super().__init__("tasks", lambda _: None, do, notify, failed=lambda *_: TaskResult())
         self._waiting: list[QueuedTask] = []
 
     def add(self, task: QueuedTask) -> None:
-        """Do a task when those before it are done; raises ``FileSetError``: too much waits."""
-        held = sum(waiting.size for waiting in self._waiting)
-        if held and held + task.size > MAX_UPLOAD_BYTES:
+        """Add a task.
+
+        Raises:
+            FileSetError: too many bytes are waiting.
+        """
+        size = sum(waiting.size for waiting in self._waiting)
+        if size and size + task.size > MAX_UPLOAD_BYTES:
             raise FileSetError(
                 "Other uploads are still being read; wait for their end, then drop it again."
             )
         self._waiting.append(task)
 
     def follow(self, session: Session) -> None:
-        """Begin the next task, on what is open, once the one before is done and taken."""
-        held = session.preparation is not None and not session.preparation.trouble
-        task = next((task for task in self._waiting if not (task.draws and held)), None)
+        """Begin the next task once the result of the one before is taken."""
+        cannot_draw = session.preparation is not None and not session.preparation.trouble
+        task = next((task for task in self._waiting if not (task.draws and cannot_draw)), None)
         is_free = not self.busy and self._item is None and self._error is None
         if task is not None and is_free:
             self._waiting.remove(task)
             self.begin((task, session))
 
     def drop(self) -> bool:
-        """Forget all tasks, and what comes of the one that is running; False: there are none."""
-        dropped = bool(self._waiting) or self.busy
+        """Drop all tasks, also the running one; False: there were none."""
+        has_tasks = bool(self._waiting) or self.busy
         self._waiting.clear()
         self.stop()
-        return dropped
+        return has_tasks
 
 
 def upload(
@@ -112,14 +116,14 @@ def upload(
     adds: bool = False,
     lens_model: LensModel | None = None,
 ) -> QueuedTask:
-    """Keep files that a page sent together, and open them.
+    """Store files that a page sent together, and open them.
 
     Args:
-        kind: what the user called the files; None: whatever they are.
-        name: the file, or the first of them, as its user sees it.
+        kind: what the user chose them as; None: any.
+        name: of the first file, for the user.
         data: a file, or a zip of several.
-        adds: models are further objects, and replace none.
-        lens_model: OpenCV's model of a lens in a file of cameras that does not say it.
+        adds: whether models become further objects.
+        lens_model: OpenCV's lens model, if the file of cameras does not name one.
     """
 
     def run(now: Session, state: Path) -> TaskResult:
@@ -140,18 +144,18 @@ def upload(
     return QueuedTask(run, f"Reading {name[:60]} ...", size=len(data))
 
 
-def restore(kept: AutosavedSession) -> QueuedTask:
-    """Open what an earlier session left."""
+def restore(autosave: AutosavedSession) -> QueuedTask:
+    """Open the autosave of an earlier session."""
 
     def run(*_: object) -> TaskResult:
-        document = open_autosaved(kept)
+        document = open_autosaved(autosave)
         return TaskResult((open_document(document, unsaved=True),), document.scene.notes)
 
     return QueuedTask(run)
 
 
 def download(what: Export, client: int, unit: str = "") -> QueuedTask:
-    """Make files of the session for a page; ``unit``: the model's, where it is known."""
+    """Make files of the session for a page; ``unit`` overrides the model's."""
     working = "Drawing ..." if what in ("overlay", "sheet") else ""
 
     def run(now: Session, _: Path) -> TaskResult:
@@ -161,45 +165,44 @@ def download(what: Export, client: int, unit: str = "") -> QueuedTask:
 
 
 def find_wheels_in_region() -> QueuedTask:
-    """Look for wheels in the region that is drawn, for the camera at hand; refused without one."""
+    """Find wheels in the region by the current camera."""
 
     def run(session: Session, _: Path) -> TaskResult:
-        own, region = session.document, session.document.own.region
+        document, region = session.document, session.document.in_view.region
         if region is None:
             raise QuickStartError("Draw a region about the car first; wheels are sought in it.")
-        inputs = StartInputs(own.photo, own.mesh, own.model.keypoints, own.mask)
-        photo, camera = own.photo, own.pose.camera
+        inputs = StartInputs(document.photo, document.mesh, document.model.keypoints, document.mask)
+        photo, camera = document.photo, document.pose.camera
         is_guess = camera == photo.default_camera() and photo.focal_length_35mm is None
         best = likely_wheels(inputs, region, camera, is_guess)[0]
-        laid = lay_wheels(own, best.wheels.rear, best.wheels.front, best.fit.pose)
-        return TaskResult((set_tool("wheels"), laid))
+        return TaskResult((set_tool("wheels"), lay_wheels(document, best)))
 
     return QueuedTask(run, "Looking for wheels ...", draws=True)
 
 
-REACH = 1.0
-"""Reach of the neighbourhood beyond the scribble's box, in its longer side."""
-MIN_REACH = 0.05
-"""Least reach, in the photo's longer side: a thing that was merely tapped."""
-SIDE_PX = 320
-"""Longer side of the picture that is cut: GrabCut takes half a second there."""
+MARGIN = 1.0
+"""Margin of the cut-out around the scribble's box, in the box's longer side."""
+MIN_MARGIN = 0.05
+"""Least margin, in the photo's longer side, for a mere tap."""
+CUT_OUT_PX = 320
+"""Longer side to which the cut-out is resized: GrabCut takes half a second there."""
 ROUNDS = 5
 """Rounds of GrabCut: more change next to nothing."""
 
 
 def grow(stroke: Stroke) -> QueuedTask:
-    """Hide the thing below a scribble, to its edge, or bring it back."""
+    """Mask or unmask the thing under a scribble."""
 
     def run(session: Session, _: Path) -> TaskResult:
         photo = session.document.photo
-        return TaskResult((paint_found(photo, grown(photo, stroke), stroke.erase),))
+        return TaskResult((mask_pixels(photo, segment(photo, stroke), stroke.erase),))
 
     return QueuedTask(run, "Finding its edge ...")
 
 
-def grown(photo: Photo, stroke: Stroke) -> NDArray[np.bool_]:
-    """(height, width): the thing that a scribble lies on, to its edge, as the colours of the
-    neighbourhood tell it (C. Rother, V. Kolmogorov, A. Blake, *GrabCut*, 2004).
+def segment(photo: Photo, stroke: Stroke) -> NDArray[np.bool_]:
+    """Segment the thing under a scribble by its colours: (height, width), GrabCut (Rother,
+    Kolmogorov, Blake 2004).
 
     Raises:
         QuickStartError: the scribble is not on the photo.
@@ -208,15 +211,15 @@ def grown(photo: Photo, stroke: Stroke) -> NDArray[np.bool_]:
     if not drawn.any():
         raise QuickStartError("That scribble is beside the photo; draw it on the thing in front.")
     low, high = stroke.points.min(axis=0), stroke.points.max(axis=0)
-    reach = max(REACH * max(high - low), MIN_REACH * max(photo.width, photo.height))
-    (left, top), (right, bottom) = (low - reach).astype(int), (high + reach).astype(int) + 1
+    margin = max(MARGIN * max(high - low), MIN_MARGIN * max(photo.width, photo.height))
+    (left, top), (right, bottom) = (low - margin).astype(int), (high + margin).astype(int) + 1
     part = slice(max(top, 0), bottom), slice(max(left, 0), right)
     height, width = drawn[part].shape
-    size = size_at_scale(width, height, min(1.0, SIDE_PX / max(height, width)))
+    size = size_at_scale(width, height, min(1.0, CUT_OUT_PX / max(height, width)))
     small = np.ascontiguousarray(replace(photo, pixels=photo.pixels[part]).as_rgb8(*size))
     seeds = cv2.resize(drawn[part].astype(np.float32), size, interpolation=cv2.INTER_AREA)
     seeded = seeds >= min(0.5, float(seeds.max()))
-    # What lies at the neighbourhood's border is not of the thing; the photo's own may cut it off.
+    # The cut-out's border is background, but where it is the photo's border.
     labels = np.full(seeds.shape, cv2.GC_BGD, np.uint8)
     rows = slice(int(top > 0), size[1] - int(bottom < photo.height))
     labels[rows, int(left > 0) : size[0] - int(right < photo.width)] = cv2.GC_PR_BGD

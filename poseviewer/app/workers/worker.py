@@ -1,7 +1,7 @@
-"""The background threads, and the mailbox that the main loop reads. Nothing else knows of threads.
+"""Background threads, and the mailbox that the main loop reads; no other module knows threads.
 
-A job works on one request at a time, an iterator, and publishes its newest item by one assignment.
-A new request displaces the old one between two items; no thread waits for another.
+A worker makes items from one request at a time, and publishes the newest by one assignment. A new
+request displaces the old one between two items; no thread waits for another.
 """
 
 import logging
@@ -20,20 +20,20 @@ from poseviewer.app.state.session import Session
 _log = logging.getLogger(__name__)
 
 LET_GO_S = 0.005
-"""After so long, s, a job lets others use the interpreter, which costs it 0.1 ms."""
+"""Period in which a job lets other threads use the interpreter, which costs it 0.1 ms."""
 
 T = TypeVar("T")
 A = TypeVar("A")
 
 
 class Mailbox(Generic[T]):
-    """Requests of the main loop in their order, by a queue that bears a signal's handler."""
+    """Queue of requests to the main loop, safe also in signal handlers."""
 
     def __init__(self) -> None:
         self._items: SimpleQueue[T | None] = SimpleQueue()
 
     def post(self, item: T) -> None:
-        """Put an item in; from any thread, at once."""
+        """Add an item, from any thread, without waiting."""
         self._items.put(item)
 
     def notify(self) -> None:
@@ -41,7 +41,7 @@ class Mailbox(Generic[T]):
         self._items.put(None)
 
     def take(self, timeout: float) -> list[T]:
-        """Take all items, at once if there are any, else after ``notify`` or ``timeout`` s."""
+        """Take all items, or wait for one, for ``notify`` or for ``timeout`` s."""
         items: list[T | None] = []
         with suppress(Empty):
             items.append(self._items.get(timeout=timeout))
@@ -56,22 +56,29 @@ class Worker(Generic[A, T]):
     def __init__(
         self,
         name: str,
-        asked: Callable[[Session], A | None],
+        request_of: Callable[[Session], A | None],
         make: Callable[[A], Iterator[T]],
         notify: Callable[[], None] | None = None,
         *,
         failed: Callable[[A, Exception], T] | None = None,
-        serves: Callable[[A, A, bool], bool] = lambda begun, asked, _: begun is asked,
+        serves: Callable[[A, A, bool], bool] = lambda begun, request, _: begun is request,
         period_s: Callable[[Session], float] = lambda _: 0.0,
         low_priority: bool = False,
     ) -> None:
-        """``asked`` gives what a session asks for (None: nothing), ``make`` the items that come of
-        it (mostly edits), ``failed`` a last one after an error; ``notify`` is called at every item.
+        """Start a thread.
 
-        ``serves(begun, asked, busy)``: whether what was begun, under way or done, will do for what
-        is asked for; ``period_s``: least time between two that are begun.
+        Args:
+            name: of the thread.
+            request_of: gives the request of a session; None: there is none.
+            make: makes items, mostly edits, from a request.
+            notify: is called after every item.
+            failed: makes a last item after an error.
+            serves: ``serves(begun, request, busy)`` tells whether a request that was begun, and is
+                under way (``busy``) or done, also answers another one.
+            period_s: gives the least time between the starts of two requests.
+            low_priority: whether other threads go first.
         """
-        self._asked = asked
+        self._request_of = request_of
         self._make = make
         self._failed = failed
         self._serves = serves
@@ -89,27 +96,27 @@ class Worker(Generic[A, T]):
 
     @property
     def busy(self) -> bool:
-        """Whether something that was asked for is under way."""
+        """Whether a request is under way."""
         return self._running is not None
 
     def follow(self, session: Session) -> None:
-        """Begin what the session asks for by now; stop what it does not ask for any more."""
-        asked, begun = self._asked(session), self._begun
-        if asked is None:
+        """Begin the request of a session, unless the last one serves it; stop if there is none."""
+        request, begun = self._request_of(session), self._begun
+        if request is None:
             self.stop()
-        elif begun is not None and self._serves(begun, asked, self.busy):
+        elif begun is not None and self._serves(begun, request, self.busy):
             return
         elif time.monotonic() >= self._begun_at + self._period_s(session):
-            self.begin(asked)
+            self.begin(request)
 
-    def begin(self, asked: A) -> None:
-        """Work on a request, in the job's thread, instead of what is under way."""
+    def begin(self, request: A) -> None:
+        """Work on a request instead of the one under way."""
         self._begun_at, run = time.monotonic(), object()
-        self._set(asked, run)
-        self._thread.submit(self._work, asked, run)
+        self._set(request, run)
+        self._thread.submit(self._work, request, run)
 
     def stop(self) -> None:
-        """Let go of the work after the item it is at; its items are dropped."""
+        """Stop after the current item, and drop all items."""
         self._set(None, None)
 
     def _set(self, begun: A | None, run: object) -> None:
@@ -127,14 +134,22 @@ class Worker(Generic[A, T]):
                 self._held = held
                 self._change.notify_all()
 
-    def require_asked(self, asked: A, seconds: float = 0.0) -> None:
-        """Raise unless this is still asked for after so long; from any thread."""
+    def require_current(self, request: A, seconds: float = 0.0) -> None:
+        """Wait, from any thread, and check that a request is still the current one.
+
+        Raises:
+            RuntimeError: it is not.
+        """
         with self._change:
-            if self._change.wait_for(lambda: self._begun is not asked, seconds):
+            if self._change.wait_for(lambda: self._begun is not request, seconds):
                 raise RuntimeError("it is not asked for any more")
 
     def take(self) -> Iterator[T]:
-        """Give what is new since the last time; raises the error that the work ended in."""
+        """Yield the newest item since the last call.
+
+        Raises:
+            Exception: the work ended in it.
+        """
         with self._change:
             item = self._item
             error = self._error
@@ -148,23 +163,23 @@ class Worker(Generic[A, T]):
             raise error
 
     def close(self) -> None:
-        """End the thread, after the item it is at."""
+        """End the thread after the current item."""
         self.stop()
         self._thread.shutdown()
 
-    def _work(self, asked: A, run: object) -> None:
+    def _work(self, request: A, run: object) -> None:
         error: Exception | None = None
         self._wait_while_held(run)
         if self._running is not run:
             return
         try:
-            for item in self._make(asked):
+            for item in self._make(request):
                 if not self._publish(run, item):
                     return
                 self._wait_while_held(run)
-        except Exception as raised:  # noqa: BLE001 - whatever it is, the user is to be told
+        except Exception as raised:  # noqa: BLE001 - the user is told of any
             _log.debug("%s", threading.current_thread().name, exc_info=raised)
-            error = raised.with_traceback(None)  # its frames hold what was worked on
+            error = raised.with_traceback(None)  # its frames keep the request in memory
         self._publish(run, None, error)
 
     def _wait_while_held(self, run: object) -> None:
@@ -172,11 +187,11 @@ class Worker(Generic[A, T]):
             with self._change:
                 self._change.wait_for(lambda: not self._held or self._running is not run)
         elif time.monotonic() > self._let_go + LET_GO_S:
-            time.sleep(0.0)  # let go of the interpreter: others may be waiting for it
+            time.sleep(0.0)  # other threads may be waiting for the interpreter
             self._let_go = time.monotonic()
 
     def _publish(self, run: object, item: T | None, error: Exception | None = None) -> bool:
-        """Publish an item, or (None) the end; False if the work has been displaced."""
+        """Publish an item or, with None, the end; False: another request has displaced this one."""
         with self._change:
             if self._running is not run:
                 return False
@@ -190,6 +205,6 @@ class Worker(Generic[A, T]):
 
 
 def lower_priority() -> None:
-    """Give this thread a lower priority: on Linux, threads have one of their own."""
+    """Lower the priority of this thread, on Linux, where threads have their own."""
     if hasattr(os, "setpriority") and os.uname().sysname == "Linux":
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 10)

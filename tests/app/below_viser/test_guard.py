@@ -14,7 +14,12 @@ from websockets.exceptions import ConnectionClosedError
 from websockets.sync.client import connect
 
 from poseviewer.app.below_viser import guard
-from poseviewer.app.below_viser.guard import MAX_MESSAGE_BYTES, GuardedServer, serve
+from poseviewer.app.below_viser.guard import (
+    FOREIGN_SOURCES,
+    MAX_MESSAGE_BYTES,
+    GuardedServer,
+    serve,
+)
 from poseviewer.errors import SettingsError
 from tests.app.below_viser.socket_page import PROTOCOL
 
@@ -80,8 +85,9 @@ def test_own_page_passes_by_every_name_of_this_machine_and_through_a_tunnel(loca
     assert local.url == f"http://127.0.0.1:{port}/?token={token}"
     for name in ("127.0.0.1", "LOCALHOST", "[::1]"):
         for host in (name, f"{name}:{port}", f"{name}:9000"):
-            status, text, _ = get(local, Host=host, Origin=f"http://{host}")
+            status, text, answered = get(local, Host=host, Origin=f"http://{host}")
             assert (status, "<html" in text.lower()) == (200, True)
+            assert guard.SECURITY_HEADERS.items() <= answered.items()
             assert websocket(local, Host=host, Origin=f"https://{host}") == 101
     assert get(local, f"/?darkMode&token={token}")[0] == 200
     assert websocket(local) == 101
@@ -119,6 +125,7 @@ def test_foreign_pages_and_names_are_refused(local, said, headers):
     assert text.startswith(said)
     assert text.count("\n") == 1
     assert answered["Content-Type"] == "text/plain; charset=utf-8"
+    assert guard.SECURITY_HEADERS.items() <= answered.items()
     assert websocket(local, **headers) == 403
 
 
@@ -138,18 +145,23 @@ def test_what_no_browser_asks_is_refused(local, request_lines):
         assert plain.recv(100).startswith(b"HTTP/1.1 403 ")
 
 
-@pytest.mark.parametrize("name", ["websocket", "playbackPath", "web%73ocket", "a=1&websocket"])
-def test_links_that_hand_the_page_to_another_server_are_refused(local, name):
-    status, text, _ = get(local, f"/?token={local.policy.token}&{name}=ws://evil.example")
-    assert status == 403
-    assert "which would hand this page to another server" in text
+ELSEWHERE = "which would hand this page to another server"
 
 
-@pytest.mark.parametrize("path", ["/" + "a" * 5000 + "?token={}", "/?token=" + "a" * 5000])
-def test_a_path_that_is_too_long_is_refused(local: GuardedServer, path: str) -> None:
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [
+        *((f"/?token={{}}&{name}=ws://evil.example", ELSEWHERE) for name in FOREIGN_SOURCES),
+        ("/?token={}&web%73ocket=ws://evil.example", ELSEWHERE),
+        ("/?token={}&a=1&websocket=ws://evil.example", ELSEWHERE),
+        ("/" + "a" * 5000 + "?token={}", "The address has 5,0"),
+        ("/?token=" + "a" * 5000, "The address has 5,0"),
+    ],
+)
+def test_paths_that_lead_elsewhere_or_are_too_long_are_refused(local, path, said):
     status, text, _ = get(local, path.format(local.policy.token))
     assert status == 403
-    assert "The address has 5,0" in text
+    assert said in text
 
 
 TOKENS = (
@@ -216,11 +228,6 @@ def test_the_page_says_what_it_is_before_viser_is_there(local: GuardedServer, co
     assert "<title>Viser</title>" not in text
 
 
-def test_answers_carry_security_headers(local: GuardedServer) -> None:
-    for headers in (get(local)[2], get(local, Origin="http://evil.example")[2]):
-        assert guard.SECURITY_HEADERS.items() <= headers.items()
-
-
 def test_a_page_cannot_open_a_public_tunnel(local: GuardedServer) -> None:
     handled = {kind.__name__ for kind in local.server._websock_server._incoming_handlers}
     assert "ShareUrlRequest" not in handled
@@ -228,7 +235,7 @@ def test_a_page_cannot_open_a_public_tunnel(local: GuardedServer) -> None:
 
 
 def test_a_viser_that_comes_past_the_guard_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("poseviewer.app.below_viser.guard.VISERS_OWN", "another.module")
+    monkeypatch.setattr("poseviewer.app.below_viser.guard.VISERS_MODULE", "another.module")
     with no_thread_left(), pytest.raises(RuntimeError, match=r"unguarded; install viser 1\.1\.1"):
         serve("127.0.0.1", 0)
 
@@ -273,7 +280,7 @@ def test_nothing_is_printed_and_the_port_is_given_back(capfd: pytest.CaptureFixt
 def test_messages_are_sent_at_once() -> None:
     # With Nagle's algorithm the second half of a message waits for the page's next one.
     with (
-        guard._make_socket("127.0.0.1", 0) as listening,
+        guard._listen("127.0.0.1", 0) as listening,
         socket.create_connection(listening.getsockname()),
         listening.accept()[0] as accepted,
     ):

@@ -144,13 +144,13 @@ def test_a_value_that_an_input_cannot_have_goes_no_farther(
     assert [record for record in caplog.records if record.levelno >= logging.WARNING] == []
 
 
-def test_attributes_of_an_input_are_no_page_s_to_set(running: RunningApp, page: SocketPage) -> None:
+def test_a_page_sets_values_of_inputs_alone_within_their_limits(
+    running: RunningApp, page: SocketPage
+) -> None:
     seed = running.uuid("Seed")
     page.send(type="GuiUpdateMessage", uuid=seed, updates={"removed": True, "value": 3})
     page.change(seed, 5)
     page.wait_until(lambda: running.app.session.document.settings.seed == 5)
-
-
-def test_settings_are_bounded_as_their_fields_are(running: RunningApp, page: SocketPage) -> None:
+    # A number is clipped to the limits of its field.
     page.change(running.uuid("Max evaluations"), 3)
     page.wait_until(lambda: running.app.session.document.settings.limits.evaluations == 10)

@@ -58,8 +58,8 @@ def test_a_pick_at_a_mark_gives_the_marks_numbers():
         parameters[piece.first] += 0.137
         parameters[piece.second] -= 0.071
         u, v = on_map(piece, parameters)
-        np.testing.assert_allclose(parameters_at(piece, CENTRE, u, v), parameters, atol=1e-12)
-        beside = parameters_at(piece, CENTRE, 7.0, -3.0)  # its border is meant
+        np.testing.assert_allclose(parameters_at(piece, CENTRE, (u, v)), parameters, atol=1e-12)
+        beside = parameters_at(piece, CENTRE, (7.0, -3.0))  # its border is meant
         ends = piece.first_values[-1], piece.second_values[0]
         assert tuple(beside[[piece.first, piece.second]]) == ends
 

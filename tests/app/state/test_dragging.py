@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 
 from poseviewer.app.state.dragging import (
     MAX_ZOOM,
-    pinned,
+    fit_pins,
     radius_in_photo,
-    rolled,
-    rolled_and_scaled,
-    scaled_about,
-    shifted,
+    roll,
+    roll_and_scale,
+    rotate,
+    scale_about,
     trackball,
-    turned,
+    translate,
     vehicle_pins,
     with_vehicle_pin,
 )
@@ -59,11 +59,11 @@ def test_every_rotation_keeps_the_centre_and_is_proper(camera, seed):
     pose = random_pose(random, camera)
     start, end = random.uniform(0.0, 640.0, (2, 2))
     for after in (
-        turned(pose, CENTRE, random.normal(size=3) * 3.0),
+        rotate(pose, CENTRE, random.normal(size=3) * 3.0),
         trackball(pose, CENTRE, radius_in_photo(pose, MESH), start, end),
-        rolled(pose, CENTRE, random.normal() * 3.0),
-        rolled_and_scaled(pose, CENTRE, start, end),
-        scaled_about(pose, CENTRE, math.exp(random.normal())),
+        roll(pose, CENTRE, random.normal() * 3.0),
+        roll_and_scale(pose, CENTRE, start, end),
+        scale_about(pose, CENTRE, math.exp(random.normal())),
     ):
         assert_centre_stays(pose, after)
 
@@ -94,7 +94,7 @@ def test_roll_and_scale_takes_the_grabbed_point_along(seed):
     at = np.append((start - [pose.camera.cx, pose.camera.cy]) / PARALLEL.scale, depth(pose))
     point = pose.camera_from_model.inverse().apply(at)
     assert pose.project(point) == pytest.approx(start, abs=1e-9)
-    after = rolled_and_scaled(pose, CENTRE, start, end)
+    after = roll_and_scale(pose, CENTRE, start, end)
     assert after.project(point) == pytest.approx(end, abs=1e-8)
 
 
@@ -102,7 +102,7 @@ def test_a_roll_is_clockwise_in_the_photo():
     for camera in (PARALLEL, PERSPECTIVE):
         pose = Pose(camera, RigidTransform(np.eye(3), np.array([0.3, -0.2, 9.0])))
         aside = CENTRE + np.array([0.5, 0.0, 0.0])
-        after = rolled(pose, CENTRE, 0.3)
+        after = roll(pose, CENTRE, 0.3)
         right, down = after.project(aside) - after.project(CENTRE)
         assert right > 0.0
         assert down > 0.0
@@ -112,10 +112,10 @@ def test_a_roll_is_clockwise_in_the_photo():
 def test_a_drag_across_the_centre_cannot_blow_the_model_up(camera):
     pose = Pose(camera, RigidTransform(np.eye(3), np.array([0.0, 0.0, 9.0])))
     middle = pose.project(CENTRE)
-    far = rolled_and_scaled(pose, CENTRE, middle, middle + np.array([1e6, 0.0]))
+    far = roll_and_scale(pose, CENTRE, middle, middle + np.array([1e6, 0.0]))
     before, after = (radius_in_photo(p, MESH) for p in (pose, far))
     assert after <= before * MAX_ZOOM * (1.0 + 1e-9)
-    back = rolled_and_scaled(pose, CENTRE, middle + np.array([100.0, 0.0]), middle)
+    back = roll_and_scale(pose, CENTRE, middle + np.array([100.0, 0.0]), middle)
     assert radius_in_photo(back, MESH) > 0.0
 
 
@@ -125,7 +125,7 @@ def test_a_drag_across_the_centre_cannot_blow_the_model_up(camera):
 def test_scaling_multiplies_the_size_at_the_centres_depth(camera, seed):
     random = np.random.default_rng(seed)
     pose, zoom = random_pose(random, camera), math.exp(random.uniform(-1.5, 1.5))
-    after = scaled_about(pose, CENTRE, zoom)
+    after = scale_about(pose, CENTRE, zoom)
     offsets = np.column_stack([random.normal(size=(4, 2)), np.zeros(4)])
     points = CENTRE + offsets @ pose.camera_from_model.rotation  # side by side with the centre
     assert after.project(points) - after.project(CENTRE) == pytest.approx(
@@ -142,10 +142,10 @@ def test_pins_that_can_be_reached_are_reached(camera, count, seed):
     pose = random_pose(random, camera)
     # Well apart, as pins are set; three of them far from one line.
     points = CENTRE + np.eye(3)[:count] * random.choice([-0.8, 0.8], (count, 1))
-    wanted = turned(pose, CENTRE, random.normal(size=3) * 0.1)
-    wanted = shifted(scaled_about(wanted, CENTRE, 1.1), CENTRE, random.normal(size=2) * 20.0)
+    wanted = rotate(pose, CENTRE, random.normal(size=3) * 0.1)
+    wanted = translate(scale_about(wanted, CENTRE, 1.1), CENTRE, random.normal(size=2) * 20.0)
     pixels = wanted.project(points)
-    after = pinned(MESH, pose, points, pixels)
+    after = fit_pins(MESH, pose, points, pixels)
     assert after.project(points) == pytest.approx(pixels, abs=0.01)
 
 

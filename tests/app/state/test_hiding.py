@@ -72,8 +72,8 @@ def test_pixels_found_for_another_photo_are_dropped():
     where = np.zeros((HEIGHT, WIDTH), bool)
     where[10:20, 10:20] = True
     own = session.document.photo
-    assert np.sum(counts(after(session, h.paint_found(own, where))) == 0.0) == 100
-    other = after(session, h.paint_found(make_photo(7), where))
+    assert np.sum(counts(after(session, h.mask_pixels(own, where))) == 0.0) == 100
+    other = after(session, h.mask_pixels(make_photo(7), where))
     assert other.document is session.document
 
 
@@ -129,7 +129,7 @@ def share_seen(document: Document, mask: Mask | None) -> float:
 
 def test_what_a_search_found_is_hidden_and_can_be_corrected(scene):
     session = ended_search(scene, 20)
-    found = h.found_hidden(session)
+    found = h.occlusion_pixels(session)
     assert found is not None
     assert np.mean(found) == pytest.approx(20 / WIDTH)
     mask = session.document.scene.mask(0)
@@ -137,7 +137,7 @@ def test_what_a_search_found_is_hidden_and_can_be_corrected(scene):
     assert np.array_equal(mask.weights == 0.0, found)
     taken = after(session, h.hide_found())
     assert np.array_equal(counts(taken) == 0.0, found)
-    assert h.found_hidden(taken) is None  # it is painted now: erase corrects it
+    assert h.occlusion_pixels(taken) is None  # it is painted now: erase corrects it
     corrected = after(taken, brush((0.0, 0.0), radius=300.0, erase=True))
     assert h.masks_of(corrected) == (None, None)
     assert h.masks_of(after(taken, c.undo())) == (None, None)

@@ -17,8 +17,9 @@ from poseviewer.app.state.session import Session
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.transform import RigidTransform, rotation_angle
 from poseviewer.starts.placing import look_from
+from poseviewer.starts.wheels import FoundWheels
 from poseviewer.vehicle.chart import visible_side
-from poseviewer.vehicle.wheel_pose import ellipse_through, wheel_rims
+from poseviewer.vehicle.wheel_pose import WheelFit, Wheels, ellipse_through, wheel_rims
 from tests.app.state import edits as c
 from tests.app.state.documents import (
     CAMERAS,
@@ -178,12 +179,13 @@ def test_five_points_on_each_rim_place_the_car_as_found_wheels_do(camera):
     assert after(moved, c.undo()).document is session.document
     # Wheels that were found are marks that are undone in one step.
     rear, front = (ellipse_through(rim) for rim in rims)
-    laid = after(begun, lay_wheels(begun.document, rear, front, target))
+    found = FoundWheels(Wheels(rear, front), WheelFit(target, 0.35, 0.0, True))
+    laid = after(begun, lay_wheels(begun.document, found))
     assert_same_pose(laid.document.pose, target)
     for seen, given in zip(laid.document.marks.ellipses, (rear, front), strict=True):
         np.testing.assert_allclose(seen.outline(), given.outline(), atol=0.05)
     assert after(laid, c.undo()).document is begun.document
-    stale = lay_wheels(make_document(vehicle=True, photo=make_photo(1)), rear, front, target)
+    stale = lay_wheels(make_document(vehicle=True, photo=make_photo(1)), found)
     assert "another photo" in refused(begun, stale)
 
 

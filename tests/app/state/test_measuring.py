@@ -8,8 +8,8 @@ from lxml import html as lxml_html
 
 from poseviewer.app.page.handles import handles_of
 from poseviewer.app.page.measuring import distance_text, measurement_html, relative_html
-from poseviewer.app.state.measuring import measured_pixels, toggle_measuring
 from poseviewer.app.state.objects import pick_object
+from poseviewer.app.state.pointer_edits import toggle_measuring
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import RELATIVE, export
 from poseviewer.errors import SettingsError
@@ -40,16 +40,16 @@ def test_two_presses_measure_and_a_third_starts_anew() -> None:
     assert cells["distance"][0] in handles_of(both)
     assert "no model there" in refused(both, c.press(1.0, 1.0))
     anew = pressed(both, middle(both, 1))
-    assert [pixel.tolist() for pixel in measured_pixels(anew)] == [middle(both, 1).tolist()]
+    assert [pixel.tolist() for pixel in anew.measurement_pixels] == [middle(both, 1).tolist()]
     for end in (c.cancel_drag(), toggle_measuring(), c.set_tool("region")):
         assert measurement_html(after(both, end)) == ""
-    assert measured_pixels(after(both, c.cancel_drag(), toggle_measuring())) == ()
+    assert after(both, c.cancel_drag(), toggle_measuring()).measurement_pixels == ()
 
 
 def test_pixels_stay_and_are_measured_by_the_pose_at_hand() -> None:
     both = with_points()
     moved = after(both, c.nudge("scale", 5.0))
-    assert measured_pixels(moved) == measured_pixels(both)
+    assert moved.measurement_pixels == both.measurement_pixels
     assert distance_text(moved) not in ("", distance_text(both))
     assert "±" not in distance_text(moved)  # no search has led there
     away = after(both, c.nudge("move", 80.0))

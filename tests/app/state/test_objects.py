@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from poseviewer.app.state.document import compared, label_of, verdict_of
+from poseviewer.app.state.document import label_of, loss_inputs, verdict_of
 from poseviewer.app.state.dragging import nearest_object
 from poseviewer.app.state.objects import (
     MAX_OBJECTS,
@@ -66,7 +66,7 @@ def test_an_added_object_is_picked_and_waits_for_its_place():
     first = after(make_session(), c.nudge("move", 3.0))
     session = after(first, add_object(BOX))
     document = session.document
-    assert (document.number, label_of(document.object)) == (2, "box.ply")
+    assert (document.object_id, label_of(document.object)) == (2, "box.ply")
     assert verdict_of(document.object) == "not placed"
     assert document.others == (0,)
     assert pose_of(session, 1) is first.document.pose
@@ -114,7 +114,7 @@ def test_a_press_picks_what_is_nearest_there_and_holds_it():
     session = with_two()
     x, y = middle(session, 1)
     held = after(session, c.press(x, y))
-    assert held.document.number == 1
+    assert held.document.object_id == 1
     assert held.drag is not None
     moved = after(held, c.drag_to(x + 6.0, y), c.release())
     assert middle(moved, 1) == pytest.approx([x + 6.0, y])
@@ -126,7 +126,7 @@ def test_a_press_picks_what_is_nearest_there_and_holds_it():
     assert nearest_object(session.document, np.array([x, y])) == 0
     behind = after(session, c.nudge("scale", 200.0))
     assert nearest_object(behind.document, np.array([x, y])) == 1
-    assert after(session, c.press(1.0, 1.0)).document.number == 2
+    assert after(session, c.press(1.0, 1.0)).document.object_id == 2
 
 
 @pytest.mark.parametrize("change", [{"hidden": True}, {"locked": True}])
@@ -153,7 +153,7 @@ def test_a_locked_object_stays_where_it_is_in_the_photo():
     assert middle(seen, 2) == pytest.approx(middle(session, 2))
     moved = after(session, pick_object(1), c.nudge("move", 1.0), c.start_search())
     assert moved.is_searching
-    assert after(session, c.undo(), c.nudge("move", 1.0)).document.number == 2
+    assert after(session, c.undo(), c.nudge("move", 1.0)).document.object_id == 2
 
 
 @pytest.mark.parametrize("command", [c.set_field_of_view(20.0), c.set_projection("parallel")])
@@ -172,21 +172,21 @@ def test_one_camera_sees_all_and_each_keeps_its_place(command):
 def test_the_active_one_is_compared_among_those_that_stand_firm():
     session = with_two()
     before, firm = (
-        compared(after(session, *edits).document.scene, 1)
+        loss_inputs(after(session, *edits).document.scene, 1)
         for edits in ((), (alter_object(1, locked=True),))
     )
     assert before != firm
     named = after(session, alter_object(1, locked=True), alter_object(1, name="ball"))
-    assert compared(named.document.scene, 1) == firm
+    assert loss_inputs(named.document.scene, 1) == firm
     hidden = after(named, alter_object(1, hidden=True))
-    assert compared(hidden.document.scene, 1) == before
+    assert loss_inputs(hidden.document.scene, 1) == before
 
 
 def test_removing_picks_the_next_and_never_the_last():
     session = after(with_two(), add_object(TAXI), pick_object(2))
-    assert after(session, remove_object(2)).document.number == 3
+    assert after(session, remove_object(2)).document.object_id == 3
     assert numbers(after(session, remove_object(3))) == [1, 2]
-    assert after(session, remove_object(3)).document.number == 2
+    assert after(session, remove_object(3)).document.object_id == 2
     alone = after(session, remove_object(2), remove_object(1))
     assert numbers(alone) == [3]
     assert refused(alone, remove_object(3)).startswith("This is the only object")

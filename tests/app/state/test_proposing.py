@@ -12,12 +12,12 @@ from poseviewer.app.page.handles import handles_of, path_of
 from poseviewer.app.page.reports import meaning_of
 from poseviewer.app.page.strip import proposals_row
 from poseviewer.app.page.texts import PROPOSED_HINT, hint_of, proposals_text, search_text
-from poseviewer.app.state.document import verdict_of
+from poseviewer.app.state.document import Document, verdict_of
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.objects import add_object, pick_object
-from poseviewer.app.state.searches import start_query
+from poseviewer.app.state.searches import ProposedStarts, start_query
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.jobs import proposed as made
+from poseviewer.app.workers.jobs import propose_and_fit as made
 from poseviewer.app.workers.opening import open_files
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.geometry.camera import Pose
@@ -52,10 +52,14 @@ def nowhere(**more: bool) -> Session:
     return after(make_session(), c.open_document(document, **more))
 
 
+def listed_in(session: Session, document: Document | None = None) -> Session:
+    """The session after the starts at a document, by default its own, are found."""
+    proposals = ProposedStarts(document or session.document, STARTS, OUTLINES)
+    return after(session, c.list_starts(proposals))
+
+
 def proposed(session: Session) -> Session:
-    asked = after(session, c.propose_starts())
-    assert asked.proposals is not None
-    return after(asked, c.starts_proposed(asked.proposals.document, STARTS, OUTLINES))
+    return listed_in(after(session, c.propose_starts()))
 
 
 def test_starts_are_looked_for_in_a_box_that_is_seen_meanwhile():
@@ -73,7 +77,7 @@ def test_starts_are_looked_for_in_a_box_that_is_seen_meanwhile():
     for ending in (c.stop_proposing(), c.cancel_drag()):
         assert after(drawn, ending).shown_box is after(drawn, ending).proposals is None
     assert after(drawn, c.undo()).document is drawn.history.past[0]
-    found = after(drawn, c.starts_proposed(drawn.proposals.document, STARTS, OUTLINES))
+    found = listed_in(drawn)
     searching = after(found, c.start_search())
     assert (found.shown_box, searching.shown_box) == (box, None)
     stopped = after(searching, c.stop_search())
@@ -132,8 +136,8 @@ def test_old_news_and_other_photos_change_nothing():
     assert session.proposals is not None
     assert after(session, c.propose_starts()).proposals is None  # its button ends it
     asked, other = session.proposals.document, make_document(photo=make_photo(1))
-    assert after(session, c.starts_proposed(other, STARTS, OUTLINES)) is session
-    opened = after(session, c.open_document(other), c.starts_proposed(asked, STARTS, OUTLINES))
+    assert listed_in(session, other) is session
+    opened = listed_in(after(session, c.open_document(other)), asked)
     assert opened.document is other
     assert opened.proposals is None
 
@@ -157,8 +161,7 @@ def test_a_model_that_is_nowhere_shows_nothing_but_the_likeliest_proposal():
     session = nowhere()
     assert "pv-pin" not in handles_of(replace(session, tool="pose"))
     assert (loss_bar(session), search_text(session)) == ("", "The model is not placed yet.")
-    assert session.proposals is not None
-    listed = after(session, c.starts_proposed(session.proposals.document, STARTS, OUTLINES))
+    listed = listed_in(session)
     first, second = (path_of(lines) for lines in OUTLINES[:2])
     for shown in (listed, after(listed, c.stop_proposing())):
         assert first in handles_of(shown)
@@ -180,9 +183,7 @@ def test_a_press_places_the_model_and_the_drag_goes_on_with_it():
 
 def test_what_is_only_proposed_places_nothing():
     session = nowhere()
-    assert session.proposals is not None
-    document = session.proposals.document
-    listed = after(session, c.starts_proposed(document, STARTS, OUTLINES))
+    document, listed = session.document, listed_in(session)
     assert listed.is_looking  # the best of them is fitted now
     assert not listed.document.object.is_placed
     assert "pv-at" not in proposals_row(listed)
@@ -191,7 +192,7 @@ def test_what_is_only_proposed_places_nothing():
         assert_same_pose(taken.document.pose, POSES[index])
         assert not taken.is_proposing
         assert after(taken, c.undo()).document is document
-    nothing = after(session, c.starts_proposed(document, (), ()))
+    nothing = after(session, c.list_starts(ProposedStarts(document, (), ())))
     assert not nothing.is_proposing
     assert hint_of(nothing).startswith("Not found by itself")
     pressed = after(listed, c.press(80, 60), c.release())
@@ -203,7 +204,7 @@ def test_what_is_only_proposed_places_nothing():
 def edits(scene) -> tuple[Session, list[Edit]]:
     """A model that is nowhere on its photo, and what the search for it brings."""
     document = open_files(scene.photo, scene.model, None)
-    session = Session(document.with_own(region=Rectangle(0, 0, 160, 120))).opened
+    session = Session(document.with_in_view(region=Rectangle(0, 0, 160, 120))).with_first_proposals
     return session, list(made(session.document, lambda: None))
 
 
@@ -228,13 +229,13 @@ def test_a_fit_that_is_not_sure_or_not_asked_for_any_more_places_nothing(edits):
     result = replace(latest.results[0], verdict=Verdict("doubtful", 0.5))
     unsure = replace(latest, scene=latest.scene.with_object(0, result=result))
     listed = after(session, listing)
-    left = after(listed, c.start_fitted(document, asked, unsure, index))
+    left = after(listed, c.take_fitted_start(document, asked, unsure, index))
     assert (left.document, left.is_proposing) == (session.document, False)
     assert "none of them sure" in proposals_text(left)
     for edit in (c.press(80, 60), c.cancel_drag()):
         by_hand = after(listed, edit)
         assert after(by_hand, fitting).document is by_hand.document
     # It was fitted on other pixels.
-    region = listed.document.with_own(region=Rectangle(0, 0, 160, 60))
+    region = listed.document.with_in_view(region=Rectangle(0, 0, 160, 60))
     changed = replace(listed, document=region)
     assert after(changed, fitting).document is region

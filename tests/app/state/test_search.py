@@ -10,7 +10,7 @@ from poseviewer.app.state.results import Landscape, Preparation
 from poseviewer.app.state.searches import LossComparison
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import run_search, search_edits
-from poseviewer.app.workers.maps import maps
+from poseviewer.app.workers.maps import refine_maps
 from poseviewer.app.workers.opening import open_files
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.progress import SearchProgress
@@ -50,10 +50,10 @@ def updates(session) -> list[SearchProgress]:
 def landscape(session) -> tuple[Landscape, ...]:
     """The whole of small maps about the start."""
     document = session.document
-    problem, _ = make_problem(document.reset.scene)
-    about = Landscape(document, problem, document.start, document.numbers_in(problem), 0.2)
+    problem, _ = make_problem(document.at_start.scene)
+    about = Landscape(document, problem, document.start, document.params_in(problem), 0.2)
     with RendererPool(SoftwareRenderer(document.mesh)) as pool:
-        *_, last = maps(about, problem, pool, 5)
+        *_, last = refine_maps(about, problem, pool, 5)
     return (last,)
 
 
@@ -133,7 +133,7 @@ def test_a_picked_point_of_a_map_is_the_pose(session, landscape):
     (about,) = landscape
     piece = about.slices[0]
     picked = after(with_maps, c.pick_in_landscape(piece.first, piece.second, 1.0, 0.25))
-    wanted = c.parameters_at(piece, about.parameters, 1.0, 0.25)
+    wanted = c.parameters_at(piece, about.parameters, (1.0, 0.25))
     assert picked.document.parameters == pytest.approx(wanted, abs=1e-9)
     assert picked.history.past == (session.document,)
     assert after(with_maps, c.pick_in_landscape(0, 99, 0.5, 0.5)) is with_maps
@@ -160,18 +160,12 @@ def compiling() -> Session:
     return Session(make_document(), preparation=Preparation(0.5))
 
 
-def test_a_search_that_waits_is_there_when_all_is_ready(compiling: Session):
+def test_a_search_that_waits_runs_once_all_is_ready_or_is_taken_back(compiling: Session):
     waiting = after(compiling, c.start_search(), c.preparation_advanced(Preparation(0.9)))
-    assert waiting.is_searching
     ready = after(waiting, c.preparation_advanced(None))
-    assert ready.is_searching
-    assert ready.preparation is None
-
-
-def test_a_search_that_waits_can_be_stopped_as_if_it_were_never_asked_for(compiling: Session):
-    stopped = after(compiling, c.start_search(), c.stop_search())
-    assert stopped.search is None
-    assert stopped.document is compiling.document
+    assert (waiting.is_searching, ready.is_searching, ready.preparation) == (True, True, None)
+    stopped = after(waiting, c.stop_search())
+    assert (stopped.search, stopped.document) == (None, compiling.document)
     assert stopped.history.past == compiling.history.past
 
 

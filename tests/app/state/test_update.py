@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from poseviewer.app.state.camera_change import with_camera
+from poseviewer.app.state.document import with_camera
 from poseviewer.app.state.dragging import pins_in_photo, radius_in_photo
 from poseviewer.app.state.history import MAX_OPENED, History
 from poseviewer.app.state.session import Session
@@ -125,12 +125,12 @@ def test_surface_pins_are_set_dragged_and_taken_away(camera):
 def test_a_region_is_drawn_cut_to_the_photo_and_taken_away():
     session = after(make_session(), c.set_tool("region"))
     drawn = after(session, c.press(150.2, 20.7), c.drag_to(300.0, 5.5), c.drag_to(170.0, 60.1))
-    assert drawn.document.own.region == (150, 20, 10, 41)
+    assert drawn.document.in_view.region == (150, 20, 10, 41)
     done = after(drawn, c.release())
     assert done.tool == "pose"
     assert done.history.past == (session.document,)
     again = c.set_tool("region"), c.press(20.0, 20.0), c.drag_to(20.5, 60.0), c.release()
-    assert after(done, *again).document.own.region is None
+    assert after(done, *again).document.in_view.region is None
 
 
 @pytest.mark.parametrize("kind", ["move", "turn", "roll", "scale"])
@@ -354,7 +354,7 @@ def test_a_principal_point_is_told_from_that_at_the_start():
         pose = document.chart.to_pose(numbers)
         assert pose.camera.cx == pytest.approx(document.pose.camera.cx + 0.1 * pose.camera.width)
         assert document.at_pose(pose).parameters == pytest.approx(numbers)
-        assert document.at_pose(pose).reset.pose.camera == document.pose.camera
+        assert document.at_pose(pose).at_start.pose.camera == document.pose.camera
 
 
 @CAMERAS

@@ -88,7 +88,7 @@ def test_masks_and_regions_belong_to_their_photo(session: Session):
 def test_a_photo_is_left_out_and_taken_back(session: Session):
     left = after(session, compare_view(2, False))
     assert [own.is_compared for own in left.document.object.in_views] == [True, True, False]
-    assert left.document.at == 0
+    assert left.document.view_index == 0
     assert left.is_unsaved
     last = after(left, compare_view(0, False))
     assert reference_view(last.document.scene, 0, 0) == 1
@@ -137,7 +137,7 @@ def test_several_objects_in_several_photos(session: Session):
     assert_poses_are(there, TRUTH)
     assert [view.mask is None for view in there.document.scene.views] == [True, True, False]
     back = after(there, pick_object(1))
-    assert (back.document.mask is None, back.document.at) == (False, 2)
+    assert (back.document.mask is None, back.document.view_index) == (False, 2)
     assert asked_of(after(back, show_view(0), c.search_all())).object_indices == (0,)
     # Unless nothing tells how large they are.
     free = make_set_session(free_scale=True)
@@ -154,7 +154,7 @@ def test_a_photo_behind_whose_camera_the_model_is_does_not_become_large(session:
     assert "does not show the model" in refused(session, show_view(1))
     # Nor does it stay large where an object is picked that is.
     added = after(session, add_object(), c.press(100.0, 80.0), c.release())
-    assert replace(added.document, at=1).with_active(0).at == 0
+    assert replace(added.document, view_index=1).with_active(0).view_index == 0
 
 
 def test_a_focal_length_that_was_found_is_that_of_all_photos_of_a_camera(session: Session):
@@ -167,7 +167,7 @@ def test_a_focal_length_that_was_found_is_that_of_all_photos_of_a_camera(session
     now = next(fit_pose(problem, SoftwareRenderer(MESH)))
     numbers = np.array([*np.zeros(6), np.log(1.1), np.log(0.9)])
     now = replace(now, parameters=numbers, pose=problem.chart.to_pose(numbers))
-    found = begin.at_numbers(now.problem, now.parameters)
+    found = begin.at_params(now.problem, now.parameters)
     focals = [660.0, 660.0, 585.0]
     assert [focal_length(view.camera) for view in found.scene.views] == pytest.approx(focals)
-    assert [view.camera for view in found.reset.scene.views] == [view.camera for view in views]
+    assert [view.camera for view in found.at_start.scene.views] == [view.camera for view in views]

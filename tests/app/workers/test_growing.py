@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from poseviewer.app.state.hiding import Stroke
-from poseviewer.app.workers.tasks import grown
+from poseviewer.app.workers.tasks import segment
 from poseviewer.errors import QuickStartError
 from poseviewer.geometry.image import Photo
 
@@ -35,7 +35,7 @@ def test_a_scribble_grows_to_the_edge(size: tuple[int, int], depth):
     v, u = np.mgrid[:height, :width] / height
     thing = np.hypot(u - 0.6, (v - 0.5) * 2.0) < 0.25
     points = np.array([[0.45, 0.5], [0.6, 0.48], [0.75, 0.5]]) * height
-    found = grown(photo_of(thing, depth), Stroke("scribble", points, 0.01 * height))
+    found = segment(photo_of(thing, depth), Stroke("scribble", points, 0.01 * height))
     assert_hides(found, thing, rim=2 if height < 500 else 10)
 
 
@@ -43,7 +43,7 @@ def test_what_is_like_it_elsewhere_stays():
     thing = np.zeros((120, 160), bool)
     thing[40:80, 20:60] = thing[40:80, 90:130] = True
     points = np.array([[30.0, 60.0], [50.0, 60.0]])
-    found = grown(photo_of(thing), Stroke("scribble", points, 2.0))
+    found = segment(photo_of(thing), Stroke("scribble", points, 2.0))
     assert found[45:75, 25:55].mean() > 0.95
     assert not found[:, 85:].any()
 
@@ -52,7 +52,7 @@ def test_a_thing_that_the_photo_cuts_off_is_taken_to_the_border():
     thing = np.zeros((120, 160), bool)
     thing[60:, 50:90] = True
     points = np.array([[60.0, 70.0], [80.0, 110.0]])
-    found = grown(photo_of(thing), Stroke("scribble", points, 2.0))
+    found = segment(photo_of(thing), Stroke("scribble", points, 2.0))
     assert found[-1, 55:85].all()
     assert_hides(found, thing, rim=2)
 
@@ -60,4 +60,4 @@ def test_a_thing_that_the_photo_cuts_off_is_taken_to_the_border():
 def test_a_scribble_beside_the_photo_is_refused():
     thing = np.zeros((120, 160), bool)
     with pytest.raises(QuickStartError, match="beside the photo"):
-        grown(photo_of(thing), Stroke("scribble", np.array([[-50.0, -50.0]]), 2.0))
+        segment(photo_of(thing), Stroke("scribble", np.array([[-50.0, -50.0]]), 2.0))

@@ -15,7 +15,7 @@ from poseviewer.app.state.results import Landscape, LossReading
 from poseviewer.app.state.searches import SearchRequest
 from poseviewer.app.state.session import Display, Session
 from poseviewer.app.workers.jobs import renderer_of, run_search
-from poseviewer.app.workers.maps import MapMaker, maps, will_do
+from poseviewer.app.workers.maps import MapMaker, refine_maps, serves
 from poseviewer.app.workers.opening import open_files
 from poseviewer.app.workers.overlay import LossReader, OverlayDrawer, draw_fine_lines
 from poseviewer.errors import SettingsError
@@ -77,7 +77,7 @@ def test_the_loss_is_that_of_the_search(document, renderer, settings):
     problem, _ = make_problem(document.scene)
     reader = LossReader(renderer)
     for shift in (0.0, 0.05, -0.1):
-        there = document.at_numbers(problem, problem.start + shift)
+        there = document.at_params(problem, problem.start + shift)
         losses = reader.read(Session(there, anchor=document.scene, display=Display("none")))
         assert losses.mean is not None
         wanted = pose_loss(problem, renderer, problem.start + shift)
@@ -88,7 +88,7 @@ def test_the_loss_is_that_of_the_search(document, renderer, settings):
 def test_the_compared_pixels_stay_with_the_anchor_and_go_with_the_settings(document, renderer):
     reader = LossReader(renderer)
     request = Session(document)
-    other = Session(document.with_own(region=Rectangle(40, 30, 80, 60)))
+    other = Session(document.with_in_view(region=Rectangle(40, 30, 80, 60)))
     read = [reader.read(asked).mean for asked in (request, other, request)]
     fresh = [losses_of(asked.document, renderer).mean for asked in (request, other, request)]
     losses = [None if mean is None else mean.loss for mean in read]
@@ -109,7 +109,7 @@ def test_the_start_is_the_start_pose_wherever_the_pixels_are_about(document, ren
 
 
 def test_why_there_is_no_loss_is_told(document, renderer):
-    losses = losses_of(document.with_own(region=Rectangle(0, 0, 2, 2)), renderer)
+    losses = losses_of(document.with_in_view(region=Rectangle(0, 0, 2, 2)), renderer)
     assert losses.mean is None
     assert len(losses.note) > 20
 
@@ -162,7 +162,7 @@ def test_maps_become_known_until_they_are_complete(document, renderer, lock):
     problem, _ = make_problem(compared_by(document, settings).scene)
     about = Landscape(document, problem, document.pose, problem.start, 0.2)
     with RendererPool(renderer) as pool:
-        updates = list(maps(about, problem, pool, 5))
+        updates = list(refine_maps(about, problem, pool, 5))
     known = [sum(int(np.isfinite(s.losses).sum()) for s in item.slices) for item in updates]
     assert known == sorted(known)
     assert 0 < known[0] < known[-1]
@@ -200,4 +200,4 @@ def test_two_losses_are_mapped_about_one_pose(document, renderer):
         assert np.array_equal(one.first_values, other.first_values)
         assert np.array_equal(one.second_values, other.second_values)
         assert other.losses.max() <= 1.0 < one.losses.max()
-    assert not will_do(moving, after(moving, set_fields("display", mapped_loss="paper")), busy=True)
+    assert not serves(moving, after(moving, set_fields("display", mapped_loss="paper")), busy=True)

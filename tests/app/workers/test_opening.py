@@ -11,7 +11,7 @@ from poseviewer.app.state.document import Document, verdict_of
 from poseviewer.app.state.objects import add_object, alter_object
 from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.autosaving import Autosaver, kept_of
+from poseviewer.app.workers.autosaving import Autosaver, make_autosave
 from poseviewer.app.workers.exporting import export
 from poseviewer.app.workers.opening import (
     open_autosaved,
@@ -68,7 +68,7 @@ def test_an_undistorted_photo_stays_so_in_files_and_sessions(
     save_pose(tmp_path / "pose.json", pose_json(as_saved(undistorted.scene), 0, 0))
     posed = open_pose(plain, tmp_path / "pose.json")  # it brings that photo
     assert open_pose(posed, tmp_path / "pose.json").photo is posed.photo
-    restored = open_autosaved(kept_of(undistorted))
+    restored = open_autosaved(make_autosave(undistorted))
     assert same_undistortion(restored.photo.undistortion, undistorted.photo.undistortion)
     assert_same_pose(restored.pose, undistorted.pose, 0.0)
     for document in (corner, undistorted, posed, restored):
@@ -89,7 +89,7 @@ def test_all_objects_of_a_session_come_back(plain: Document, tmp_path: Path) -> 
     kept = load_autosave(path)
     opened = open_autosaved(kept)
     before, after = session.document.scene, opened.scene
-    assert opened.number == 3
+    assert opened.object_id == 3
     for index, (one, again) in enumerate(zip(before.objects, after.objects, strict=True)):
         for name in ("id", "name", "hidden", "locked"):
             assert getattr(one, name) == getattr(again, name)

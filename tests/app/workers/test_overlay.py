@@ -9,6 +9,7 @@ import pytest
 
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.objects import add_object
+from poseviewer.app.state.pose_edits import make_start
 from poseviewer.app.state.results import Outlines
 from poseviewer.app.state.session import Display, Session
 from poseviewer.app.workers.exporting import export
@@ -70,7 +71,7 @@ def drawn_in(session: Session) -> Outlines:
 
 
 def test_all_objects_are_drawn_in_all_photos():
-    session = after(make_set_session(), add_object())
+    session = after(make_set_session(), add_object(), make_start())
     for pose, drawn in zip(view_sets.TRUTH, drawn_in(session).small, strict=True):
         assert set(drawn) == {1, 2}
         assert len(drawn[2])

@@ -44,34 +44,27 @@ def test_models_on_one_photo_have_files_of_their_own(scene, session, saver):
     assert next(iter(export("pose", session))) == names[0]  # as it is downloaded
 
 
-def test_what_others_wrote_is_asked_about_and_kept(session, saver, scene):
-    path = scene.photo.with_name("p.m.pose.json")
-    assert saver.taken(session.document) is None
-    path.write_text("mine")
-    assert saver.taken(session.document) == path
+@pytest.mark.parametrize("name", ["p.m.pose.json", "p.m.mask.png"])
+def test_what_others_wrote_is_asked_about_and_kept(session, saver, scene, name):
+    path, other = scene.photo.with_name("p.m.pose.json"), scene.photo.with_name(name)
+    assert saver.file_to_replace(session.document) is None
+    other.write_text("mine")
+    assert saver.file_to_replace(session.document) == path
     assert saver.save(session) == path
-    backup = path.with_name("p.m.pose.json.bak")
+    backup = other.with_name(f"{name}.bak")
     assert backup.read_text() == "mine"
-    assert saver.taken(session.document) is None  # this session's own by now
+    assert saver.file_to_replace(session.document) is None  # this session's own by now
     saver.save(after(session, nudge("move", 1.0)))
     assert backup.read_text() == "mine"
-    path.write_text("changed by another program")
-    assert saver.taken(session.document) == path
-
-
-def test_a_mask_of_others_is_asked_about(session: Session, saver: Autosaver, scene: Scene):
-    mask = scene.photo.with_name("p.m.mask.png")
-    mask.write_bytes(b"painted elsewhere")
-    assert saver.taken(session.document) is not None
-    saver.save(session)
-    assert mask.with_name("p.m.mask.png.bak").read_bytes() == b"painted elsewhere"
+    other.write_text("changed by another program")
+    assert saver.file_to_replace(session.document) == path
 
 
 def test_another_model_of_the_same_name_does_not_replace_the_first_ones_pose(session, saver):
     saver.save(session)
     model = replace(session.document.model, sha256="1" * 64)
     other = replace(session, document=session.document.with_object(model=model))
-    assert saver.taken(other.document) is not None
+    assert saver.file_to_replace(other.document) is not None
 
 
 def test_another_name_stays_the_sessions_own(session: Session, saver: Autosaver, scene: Scene):
@@ -80,7 +73,7 @@ def test_another_name_stays_the_sessions_own(session: Session, saver: Autosaver,
     second = path.with_name("p.m.2.pose.json")
     assert saver.save(session, beside=True) == second
     assert saver.where(session) == second.name
-    assert saver.taken(session.document) is None
+    assert saver.file_to_replace(session.document) is None
     moved = after(session, nudge("move", 5.0))
     assert saver.save(moved) == second
     place = load_pose(second).pose.camera_from_model

@@ -115,7 +115,7 @@ def test_maps_and_a_search_wait_for_what_was_asked_for(
         page.wait_until(lambda: app.session.results.landscapes and not app._mapper.busy)
         monkeypatch.setattr(MapMaker, "run", telling("maps", MapMaker.run))
         monkeypatch.setattr(jobs, "run_search", telling("search", jobs.run_search))
-        monkeypatch.setattr(jobs, "proposed", proposed)
+        monkeypatch.setattr(jobs, "propose_and_fit", proposed)
         app._mailbox.post(QueuedTask(task) if asked == "task" else c.propose_starts())
         page.wait_until(lambda: app._tasks.busy or app._proposer.busy)
         before = app.session.results.losses

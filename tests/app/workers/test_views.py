@@ -12,7 +12,7 @@ from poseviewer.app.state.objects import add_object, compare_view, pick_object, 
 from poseviewer.app.state.results import LossReading, Results
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.autosaving import Autosaver
-from poseviewer.app.workers.exporting import scene_to_save, view_to_save
+from poseviewer.app.workers.exporting import pose_file_view, scene_to_save
 from poseviewer.app.workers.jobs import run_search
 from poseviewer.app.workers.maps import MapMaker
 from poseviewer.app.workers.opening import open_autosaved, open_pose, open_scene, open_set
@@ -43,7 +43,7 @@ def session(files: tuple[Path, Path, Path]) -> Session:
 
 def saved_record(session: Session) -> PoseRecord:
     document = session.document
-    return pose_json(as_saved(scene_to_save(session)), document.active, view_to_save(document))
+    return pose_json(as_saved(scene_to_save(session)), document.active, pose_file_view(document))
 
 
 def losses_of(session: Session) -> LossReading:
@@ -53,15 +53,15 @@ def losses_of(session: Session) -> LossReading:
 def test_the_loss_is_the_mean_over_the_photos_that_are_compared(session: Session):
     losses = losses_of(session)
     assert losses.mean is not None
-    assert set(losses.of_views) == {0, 1, 2}
-    of_views = [one.loss for one in losses.of_views.values()]
-    assert losses.mean.loss == pytest.approx(np.mean(of_views))
+    assert set(losses.by_view) == {0, 1, 2}
+    by_view = [one.loss for one in losses.by_view.values()]
+    assert losses.mean.loss == pytest.approx(np.mean(by_view))
     left = losses_of(after(session, compare_view(2, False))).mean
     assert left is not None
-    assert left.loss == pytest.approx(np.mean(of_views[:2]))
+    assert left.loss == pytest.approx(np.mean(by_view[:2]))
     # It is the same, whichever photo is large.
     other = losses_of(after(session, show_view(1)))
-    assert other.of_views[0].loss == pytest.approx(of_views[0], abs=1e-6)
+    assert other.by_view[0].loss == pytest.approx(by_view[0], abs=1e-6)
 
 
 @pytest.mark.slow
@@ -139,7 +139,7 @@ def test_objects_in_several_photos_come_back_from_scene_and_session(
     saver.close(changed)
     (kept,) = (tmp_path / "sessions").iterdir()
     restored, scene = open_autosaved(load_autosave(kept)), changed.document.scene
-    assert (restored.at, restored.active) == (1, 0)
+    assert (restored.view_index, restored.active) == (1, 0)
     for again, tolerance in ((open_scene(path).scene, 1e-6), (restored.scene, 0.0)):
         assert [view.name for view in again.views] == list(NAMES)
         for index, view in product(range(2), range(3)):

@@ -63,8 +63,9 @@ class Bell:
     def __call__(self) -> None:
         self._rings.release()
 
-    def heard(self) -> None:
-        assert self._rings.acquire(timeout=LONG)
+    def heard(self, count: int = 1) -> None:
+        for _ in range(count):
+            assert self._rings.acquire(timeout=LONG)
 
     def silent(self) -> bool:
         return not self._rings.acquire(blocking=False)
@@ -124,8 +125,7 @@ def test_a_displaced_request_publishes_no_more(worker, bell, is_stopped):
     assert new.began.wait(LONG)  # by then the old one's second item has been dropped
     assert bell.silent()
     new.go()
-    bell.heard()
-    bell.heard()
+    bell.heard(2)
     assert list(worker.take()) == ["x"]
     assert not old.asked.acquire(blocking=False)  # it was never asked for a third
 
@@ -141,15 +141,13 @@ def test_a_held_job_pauses_between_two_items_and_goes_on(worker, bell):
         assert steps.asked.acquire(timeout=LONG)
     worker.hold(True)
     steps.go(2)
-    for _ in range(2):
-        bell.heard()
+    bell.heard(2)
     assert list(worker.take()) == ["b"]
     # It stands still: it is not asked for more, though it could give it.
     assert not steps.asked.acquire(timeout=0.05)
     assert worker.busy
     worker.hold(False)
-    for _ in range(2):
-        bell.heard()
+    bell.heard(2)
     assert list(worker.take()) == ["c"]
 
 
@@ -158,8 +156,7 @@ def test_an_exception_is_told_and_the_next_request_is_worked_on(worker, bell):
     steps, after = Steps("a", error), Steps("x")
     worker.begin(steps)
     steps.go()
-    bell.heard()
-    bell.heard()
+    bell.heard(2)
     items = worker.take()
     assert next(items) == "a"
     with pytest.raises(ValueError, match="no such thing"):
@@ -167,8 +164,7 @@ def test_an_exception_is_told_and_the_next_request_is_worked_on(worker, bell):
     assert not worker.busy
     worker.begin(after)
     after.go()
-    bell.heard()
-    bell.heard()
+    bell.heard(2)
     assert list(worker.take()) == ["x"]
     assert after.thread.startswith("tested")
 
@@ -193,17 +189,16 @@ def test_a_job_is_begun_once_and_stopped_where_it_is_not_asked_for(bell):
     job.follow(asked)
     job.follow(asked)
     assert steps["pairs"].asked.acquire(timeout=LONG)
-    job.require_asked("pairs")
+    job.require_current("pairs")
     job.follow(session)
     assert not job.busy
     with pytest.raises(RuntimeError):
-        job.require_asked("pairs")
+        job.require_current("pairs")
     steps["pairs"].go(2)
     other = after(session, set_tool("wheels"))
     job.follow(other)
     steps["wheels"].go()
-    bell.heard()
-    bell.heard()
+    bell.heard(2)
     edits = job.take()
     assert [next(edits)(other).tool for _ in range(2)] == ["box", "region"]
     with pytest.raises(ValueError, match="no"):
