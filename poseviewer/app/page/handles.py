@@ -29,11 +29,15 @@ PROPOSED_COLOUR = "#ffd166"
 """Colour of the likeliest proposal, for a model that is placed nowhere yet."""
 QUALITY = 85
 """JPEG quality of the model alone."""
-MARK_COLOUR, MODEL_MARK_COLOUR = "#ffe246", "#ff78dc"
-"""Colours of a mark on the photo, and of the model's point that belongs to it."""
+MARK_COLOUR = "#ffe246"
+"""Colour of a mark on the photo."""
+MODEL_MARK_COLOUR = "#ff78dc"
+"""Colour of the model's point that belongs to a mark."""
 PIN = '<circle r="11"/><path d="M4 0H16M-4 0H-16M0 4V16M0-4V-16"/>'
-CROSS, DIAMOND = '<path d="M2 0H8M-2 0H-8M0 2V8M0-2V-8"/>', '<path d="M5 0L0 5L-5 0L0-5Z"/>'
-"""SVG, px of the screen about their places."""
+CROSS = '<path d="M2 0H8M-2 0H-8M0 2V8M0-2V-8"/>'
+"""SVG of a mark on the photo, px of the screen about its place."""
+DIAMOND = '<path d="M5 0L0 5L-5 0L0-5Z"/>'
+"""SVG of a point of the model, px of the screen about its place."""
 
 
 def handles_of(session: Session) -> str:
@@ -50,7 +54,7 @@ def handles_of(session: Session) -> str:
     if session.tool in MARKING:
         drawn += () if alone else _marks(session)
     elif session.tool == "measure":
-        drawn += () if alone else _measured(session)
+        drawn += () if alone else _measurement(session)
     elif session.tool not in HIDING and not alone and is_shown(document.object):
         drawn += _pins(session)
     return "".join(drawn)
@@ -91,7 +95,7 @@ def _marks(session: Session) -> Iterator[str]:
         yield _at(place, DIAMOND, MODEL_MARK_COLOUR) + (label and _at(photo[i], label))
 
 
-def _measured(session: Session) -> Iterator[str]:
+def _measurement(session: Session) -> Iterator[str]:
     """Numbered crosses at the measured pixels, a line between two, and their distance."""
     pixels = session.measurement_pixels
     for number, pixel in enumerate(pixels, 1):

@@ -28,10 +28,14 @@ from poseviewer.files.file_set import MAX_FILES
 from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.files.state.uploads import MAX_UPLOAD_BYTES
 
-PANEL_PX, MAPS_PX = 300, 380
-"""Widths of the left panel and of the maps; either border can be dragged."""
-PANELS_S, MAPS_S = 0.1, 0.2
-"""Panels and maps are brought up to date no oftener than this; the photo always is."""
+PANEL_PX = 300
+"""Width of the left panel at the start; its border can be dragged."""
+MAPS_PX = 380
+"""Width of the maps at the start; their border can be dragged."""
+PANELS_S = 0.1
+"""Least time between two updates of the panels; the photo is always up to date."""
+MAPS_S = 0.2
+"""Least time between two updates of the maps, which are larger."""
 NOTICE_S = 6.0
 """Seconds after which a notice goes: it lies over the photo."""
 PAGE_CONFIG = {

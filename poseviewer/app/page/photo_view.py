@@ -29,10 +29,14 @@ from poseviewer.render.structure import bounding_slices
 Colour = tuple[int, int, int]
 Picture = tuple[NDArray[np.uint8], Rectangle]
 """Pixels (h, w, 3 or 4), and where they lie in the photo."""
-DEPTH, SIDE = 20.0, 10.0
-"""World units: how far away the photo lies, and how long its longer side is."""
-MAX_SIDE_PX, MAX_SHOWN_PX = 8192, 24_000_000
-"""px of a photo's side, and of a photo, beyond which a smaller one is shown."""
+DEPTH = 20.0
+"""Distance of the photo, world units."""
+SIDE = 10.0
+"""Length of the photo's longer side, world units."""
+MAX_SIDE_PX = 8192
+"""Longest side of a shown photo, px; larger photos are shown smaller."""
+MAX_SHOWN_PX = 24_000_000
+"""Most pixels of a shown photo; larger photos are shown smaller."""
 PICTURE = 0.998
 TINT = 0.9978
 OTHERS_HALO = 0.9973
@@ -43,10 +47,14 @@ OUTLINE = 0.996
 """Depths of the layers over the photo, from ``PICTURE`` on, as fractions of ``DEPTH``."""
 EDGE_COLOUR = (0, 135, 152)
 """RGB of the edges inside the model, fainter than its outline."""
-HIDDEN_COLOUR, FOUND_COLOUR = (255, 64, 64), (170, 90, 255)
-"""RGB of the tint over what was painted, and over what a search took for an occluder."""
-HIDDEN_OPACITY, HIDDEN_OPACITY_WHILE_PAINTED = 0.25, 0.5
-"""Opacities of these tints."""
+HIDDEN_COLOUR = 255, 64, 64
+"""RGB of the tint over painted pixels."""
+FOUND_COLOUR = 170, 90, 255
+"""RGB of the tint over pixels that a search took for an occluder."""
+HIDDEN_OPACITY = 0.25
+"""Opacity of these tints."""
+HIDDEN_OPACITY_WHILE_PAINTED = 0.5
+"""Opacity of the tint over painted pixels while a hiding tool is active."""
 MAX_TINT_PIXELS = 1_000_000
 """Pixels of the tint; it is drawn smaller where it has more."""
 OUTLINE_NAME = "/model/outline"

@@ -22,8 +22,10 @@ from poseviewer.app.state.proposal_edits import take_start
 from poseviewer.app.workers.tasks import Request, grow
 from poseviewer.files.state.uploads import why_not_sent, why_unfit
 
-FINE, COARSE = 0.1, 10.0
-"""Factors of nudges with shift, and with ctrl."""
+FINE = 0.1
+"""Factor of nudges with shift."""
+COARSE = 10.0
+"""Factor of nudges with ctrl."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,7 +26,8 @@ ABOUT = (
     "camera's x, then its y, then its z axis. ±: standard deviations, if the pose is right. mm of "
     "the focal length: as if on 35-mm film."
 )
-FOLLOW_FOCAL, EMPTY = ("Z", "distance", "focal"), "<th></th><td></td>"
+FOLLOW_FOCAL = "Z", "distance", "focal"
+EMPTY = "<th></th><td></td>"
 SOURCES = {
     "calibrated": "by a calibration",
     "EXIF": "by the photo's EXIF",

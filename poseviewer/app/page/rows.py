@@ -18,8 +18,10 @@ from poseviewer.fit.progress import Status
 
 QUALITY = 75
 """JPEG quality of the thumbnails."""
-MAX_BEFORE, MAX_AFTER = 50, 150
-"""Rows in the list about the one that is open; all of a batch would be megabytes."""
+MAX_BEFORE = 50
+"""Rows in the list before the open one; all rows of a batch would be megabytes."""
+MAX_AFTER = 150
+"""Rows in the list after the open one."""
 DOT = "data:image/gif;base64,R0lGODlhAQABAIAAAAAAAP///yH5BAEAAAAALAAAAAABAAEAAAIBRAA7"
 TO_ROW = "let r=this.parentNode,l=r.parentNode;l.scrollTop=r.offsetTop-l.clientHeight/3"
 """Script of the row that is open: it scrolls the list, and the list alone, to that row."""
@@ -37,7 +39,7 @@ def add_rows(controls: Controls, review: Reviewer) -> None:
         word = read(session, lambda row: row.result.review)
         return word and f"Undo {'rejection' if word == REJECTED else 'acceptance'}"
 
-    def written(session: Session) -> str:
+    def note_text(session: Session) -> str:
         """The note; one that is being typed stays until another row is open."""
         at = review.row_at(session.document)
         if at == noted[0]:
@@ -55,7 +57,7 @@ def add_rows(controls: Controls, review: Reviewer) -> None:
         controls.button(undo, review.decide(""), visible=lambda s: bool(undo(s)))
         controls.text(lambda s: read(s, lambda row: row_text(row, s.is_unsaved)))
         note = controls.gui.add_text("Note", "")
-        controls.field(note, annotate, value=written)
+        controls.field(note, annotate, value=note_text)
 
 
 def rows_list(queue: ReviewQueue, at: int | None) -> str:
