@@ -206,7 +206,11 @@ NO_SYMMETRY = Symmetry(np.zeros(3), np.eye(3)[None], np.zeros((0, 3)))
 def _close(
     rotations: Sequence[FloatArray], axes: Sequence[FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return all products (n, 3, 3) of rotations, and axes (k, 3); raises as ``_products``."""
+    """Return all products (n, 3, 3) of rotations, and axes (k, 3).
+
+    Raises:
+        ValueError: there are too many products.
+    """
     group = _products(rotations)
     images: list[FloatArray] = []
     for axis in (rotation @ axis for axis in axes for rotation in group):
@@ -221,7 +225,11 @@ def _close(
 
 
 def _products(rotations: Sequence[FloatArray]) -> FloatArray:
-    """Return all products (n, 3, 3), the identity first; raises ValueError for too many."""
+    """Return all products (n, 3, 3), the identity first.
+
+    Raises:
+        ValueError: there are too many products.
+    """
     products = [np.eye(3)]
     same_trace = 1.0 + 2.0 * SAME_COSINE  # of a rotation by that angle
     for product in products:  # grows meanwhile

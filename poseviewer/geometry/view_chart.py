@@ -131,7 +131,11 @@ class ViewChart(Chart):
 
 
 def _exp(logarithm: float) -> float:
-    """Exponentiate; raises OutsideChartError for what is out of all proportion."""
+    """Exponentiate.
+
+    Raises:
+        OutsideChartError: the factor is out of all proportion.
+    """
     if not abs(logarithm) <= MAX_LOGARITHM:
         raise OutsideChartError(f"a factor of e^{logarithm:g} is out of all proportion")
     return math.exp(logarithm)

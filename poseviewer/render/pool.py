@@ -52,10 +52,10 @@ class RendererPool:
         items: Sequence[Item],
         at_a_time: int = ITEMS_PER_CHUNK,
     ) -> Iterator[Result]:
-        """Yield ``function(renderer, item)`` of all items in their order; raises its first error.
+        """Yield ``function(renderer, item)`` of all items in their order.
 
-        Threads take ``at_a_time`` items, and at most two such chunks each are queued. Stop
-        iterating to stop.
+        The first error of ``function`` ends it. Threads take ``at_a_time`` items, and at most two
+        such chunks each are queued. Stop iterating to stop.
         """
         if self._executor is None:
             for item in items:

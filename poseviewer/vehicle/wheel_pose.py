@@ -194,7 +194,11 @@ def _axles(wheels: Wheels, camera: Camera) -> list[FloatArray]:
 def _fit_side(
     side: SideKeypoints, axle: FloatArray, wheels: Wheels, up: FloatArray, camera: Camera
 ) -> WheelFit:
-    """Fit the upright pose of one side near an axle; raises OutsideChartError where none is."""
+    """Fit the upright pose of one side near an axle.
+
+    Raises:
+        OutsideChartError: there is none.
+    """
     chart = VehicleChart(side, camera, depth=4.0 * side.wheelbase)
 
     def residuals(x: FloatArray) -> FloatArray:
@@ -220,7 +224,11 @@ def _fit_side(
 
 
 def _up_in_camera(pose: Pose, up: FloatArray) -> FloatArray:
-    """Return ``up`` (3,) in the camera; raises OutsideChartError where it points down."""
+    """Return ``up`` (3,) in the camera.
+
+    Raises:
+        OutsideChartError: it points down.
+    """
     up = pose.camera_from_model.rotation @ up
     if not up[1] < 0.0:
         raise OutsideChartError("the vehicle stands on its head")
@@ -228,7 +236,11 @@ def _up_in_camera(pose: Pose, up: FloatArray) -> FloatArray:
 
 
 def _start(chart: VehicleChart, axle: FloatArray, wheels: Wheels, up: FloatArray) -> FloatArray:
-    """Return the chart's parameters and the logarithm of the radius (7,); raises likewise."""
+    """Return the chart's parameters and the logarithm of the radius (7,).
+
+    Raises:
+        OutsideChartError: the vehicle stands on its head, or a wheel reaches behind the camera.
+    """
     size = np.array([chart.camera.width, chart.camera.height])
     rear, front = (np.array([wheel.cx, wheel.cy]) / size for wheel in wheels)
     parameters = np.array([*rear, *(front - rear), axle[0], axle[1]])

@@ -124,7 +124,11 @@ def _read_table(
 
 
 def _walk(rows: int, data: memoryview, at: int, kinds: list[Kind]) -> tuple[list[Any], int]:
-    """Columns of rows of any lengths; raises struct.error where the file ends before."""
+    """Read columns of rows of any lengths, and where they end.
+
+    Raises:
+        struct.error: the file ends before.
+    """
     plan = [([], [], Struct(n) if n else None, kind, calcsize(kind)) for n, kind in kinds]
     for _ in range(rows):
         for counts, values, count, value, size in plan:
