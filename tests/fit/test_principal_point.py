@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from poseviewer.api import load
-from poseviewer.app.state.camera_change import with_camera
+from poseviewer.app.state.document import with_camera
 from poseviewer.errors import SettingsError
 from poseviewer.evaluation.photos import demo_photo
 from poseviewer.files.demo import demo_case
