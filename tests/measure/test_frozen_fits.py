@@ -11,7 +11,7 @@ from tests.measure import frozen_fits
 def test_fits_made_again_are_equal_and_what_differs_is_said(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(frozen_fits, "DATA", tmp_path)
     table = tmp_path / "table.json"
-    few = ["--only", "demo-parallel-clip"]
+    few = ["--only", "demo-perspective-grey"]
     assert frozen_fits.main(["--write", str(table), *few]) == 0
     assert frozen_fits.main(["--compare", str(table), *few]) == 0
     assert capsys.readouterr().out.splitlines()[-1] == "equal"
@@ -23,6 +23,6 @@ def test_fits_made_again_are_equal_and_what_differs_is_said(tmp_path, capsys, mo
     assert frozen_fits.main(["--compare", str(table), *few]) == 1
     *_, head, line = capsys.readouterr().out.splitlines()
     assert head == "1 of 1 differ:"
-    for words in ("demo-parallel-clip: translation", "of the distance", "loss", "verdict sure ->"):
+    for words in ("demo-perspective-grey: translation", "of the distance", "loss", "verdict sure ->"):
         assert words in line
     assert "rotation" not in line
