@@ -23,6 +23,11 @@ def test_fits_made_again_are_equal_and_what_differs_is_said(tmp_path, capsys, mo
     assert frozen_fits.main(["--compare", str(table), *few]) == 1
     *_, head, line = capsys.readouterr().out.splitlines()
     assert head == "1 of 1 differ:"
-    for words in ("demo-perspective-grey: translation", "of the distance", "loss", "verdict sure ->"):
+    for words in (
+        "demo-perspective-grey: translation",
+        "of the distance",
+        "loss",
+        "verdict sure ->",
+    ):
         assert words in line
     assert "rotation" not in line

@@ -7,7 +7,7 @@ from html import escape
 import numpy as np
 
 from poseviewer.app.page.controls import jpeg_url, on_press
-from poseviewer.app.page.measuring import distance_text
+from poseviewer.app.page.measure_panel import distance_text
 from poseviewer.app.state.document import is_shown
 from poseviewer.app.state.dragging import pins_in_photo
 from poseviewer.app.state.hiding import HIDING

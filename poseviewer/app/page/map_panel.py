@@ -19,7 +19,7 @@ from PIL import Image
 
 from poseviewer.app.page.controls import Controls, data_url, memoize, on_press, plain
 from poseviewer.app.page.handles import model_html
-from poseviewer.app.page.measuring import add_relative, measurement_html
+from poseviewer.app.page.measure_panel import add_relative, measurement_html
 from poseviewer.app.page.result import result_html
 from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.results import Landscape

@@ -50,7 +50,7 @@ def read_obj(path: Path) -> p.ModelParts:
     starts, names = zip(*changes, strict=True)
     keys = {key: number for number, key in enumerate(dict.fromkeys(names))}
     which = np.repeat([keys[key] for key in names], np.diff([*starts, len(counts)]))
-    of_part = p.group_by(np.repeat(which, np.maximum(counts - 2, 0)), len(keys))
+    of_part = p.indices_by_group(np.repeat(which, np.maximum(counts - 2, 0)), len(keys))
     used = {material for _, material in keys if material}
     if materials and (missing := sorted(used - set(materials))):
         notes.append(f"Materials not in the MTL file: {', '.join(missing)[:120]}.")

@@ -109,7 +109,7 @@ def note_edges(uvs: NDArray, is_wrapped: Sequence[bool], notes: list[str]) -> No
         notes.append("A texture that is clamped or mirrored, repeated instead.")
 
 
-def group_by(which: NDArray, count: int) -> list[NDArray[np.int64]]:
+def indices_by_group(which: NDArray, count: int) -> list[NDArray[np.int64]]:
     """List for each number below ``count`` where it stands in ``which`` (N,), in order."""
     order = np.argsort(which, kind="stable")
     return np.split(order, np.searchsorted(which[order], np.arange(1, count)))

@@ -188,7 +188,7 @@ def _parts(
     if number is None or len(textures) == 1:
         return p.ModelParts([replace(part, texture=pictures.get(textures[0]))], notes)
     which, end = np.repeat(number, triangles).astype(np.int64), len(textures)
-    of_texture = p.group_by(np.where((which < 0) | (which > end), end, which), end + 1)
+    of_texture = p.indices_by_group(np.where((which < 0) | (which > end), end, which), end + 1)
     parts = [
         replace(part.corners_of(own), texture=pictures.get(name))
         for name, own in zip([*textures, "?"], of_texture, strict=True)

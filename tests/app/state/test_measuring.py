@@ -7,7 +7,7 @@ import pytest
 from lxml import html as lxml_html
 
 from poseviewer.app.page.handles import handles_of
-from poseviewer.app.page.measuring import distance_text, measurement_html, relative_html
+from poseviewer.app.page.measure_panel import distance_text, measurement_html, relative_html
 from poseviewer.app.state.objects import pick_object
 from poseviewer.app.state.pointer_edits import toggle_measuring
 from poseviewer.app.state.session import Session
