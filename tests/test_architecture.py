@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
 import poseviewer
@@ -53,11 +54,21 @@ def listed(node: ast.AST) -> set[object]:
     return {part.target.id for part in declared if isinstance(part, ast.AnnAssign)}  # pyright: ignore[reportAttributeAccessIssue]
 
 
-def test_no_class_name_stands_twice():
-    trees = [ast.parse(path.read_text()) for path in PACKAGE.rglob("*.py")]
-    nodes = [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
-    names = [node.name for node in nodes]
-    assert [name for name in names if names.count(name) > 1] == []
+ALIKE = {"run", "main", "minimise"}
+"""Functions of one protocol: of commands and of minimisers."""
+
+
+def test_no_name_stands_twice():
+    """Neither of a class, nor of a public function of a module, nor of a file."""
+    paths = [path for path in PACKAGE.rglob("*.py") if path.name != "__init__.py"]
+    trees = [ast.parse(path.read_text()) for path in paths]
+    nodes = [node for tree in trees for node in ast.walk(tree)]
+    classes = [node.name for node in nodes if isinstance(node, ast.ClassDef)]
+    defined = [node for tree in trees for node in tree.body]
+    functions = [node.name for node in defined if isinstance(node, ast.FunctionDef)]
+    public = [name for name in functions if not name.startswith("_") and name not in ALIKE]
+    for names in (classes, public, [path.name for path in paths]):
+        assert [name for name, count in Counter(names).items() if count > 1] == []
 
 
 def test_fields_of_an_object_are_listed_in_few_places():
