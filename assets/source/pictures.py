@@ -86,7 +86,7 @@ REGION = ((140.0, 220.0), (810.0, 550.0))
 
 def save(path: Path, picture: Image.Image) -> None:
     """Write a picture as JPEG."""
-    picture.save(path, quality=QUALITY, optimize=True)
+    picture.save(path, quality=QUALITY, optimize=True, progressive=True)
 
 
 def save_sheet(path: Path, *pictures: np.ndarray) -> None:
