@@ -225,7 +225,23 @@ def search_text(session: Session) -> str:
         f"**{loss}** (start {fit.scale.as_shown(fit.start_loss):.3f})  \n"
         f"{fit.evaluations} evaluations, restart {fit.restart}, {fit.seconds:.1f} s  \n{sentence}"
     )
-    return text if fit.verdict is None else f"{text}  \n**Verdict: {fit.verdict.label}.**"
+    if fit.verdict is not None:
+        text += f"  \n**Verdict: {fit.verdict.label}.**"
+    return text + _search_again_note(session)
+
+
+def _search_again_note(session: Session) -> str:
+    """Name objects that a focal length, found by another one, has taken the result from."""
+    progress = session.search_progress
+    if progress is None or not (progress.is_over and progress.settings.free_focal):
+        return ""
+    names = [
+        plain(label_of(item))
+        for index, item in enumerate(session.document.scene.objects)
+        if index != progress.object_index and item.is_placed and item.result is None
+    ]
+    what = f"  \nThe focal length holds for all objects: search again for {', '.join(names)}."
+    return what if names else ""
 
 
 def _as_coarse(text: str) -> str:

@@ -165,11 +165,13 @@ class Session:
 
     @property
     def mapped(self) -> tuple[FitSettings, ...]:
-        """Settings for each loss that is mapped."""
+        """Settings for each loss that is mapped, with the focal length that a search frees."""
         settings, loss = self.document.settings, self.display.mapped_loss
+        if self.own_progress is not None and self.own_progress.settings.free_focal:
+            settings = replace(settings, free_focal=True)
         if loss == "both":
-            return tuple(map(self.settings_by, LOSSES))
-        return (settings if loss == "chosen" else self.settings_by(loss),)
+            return tuple(settings.of_loss(name, self.other_settings) for name in LOSSES)
+        return (settings if loss == "chosen" else settings.of_loss(loss, self.other_settings),)
 
     @property
     def proposals(self) -> ProposedStarts | None:
