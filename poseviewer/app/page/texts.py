@@ -3,14 +3,17 @@
 import numpy as np
 
 from poseviewer.app.page.controls import percent, plain
+from poseviewer.app.page.result import deviations_of
 from poseviewer.app.state import hiding as h
-from poseviewer.app.state.document import WHEELS, label_of
+from poseviewer.app.state.document import WHEELS, label_of, verdict_of
 from poseviewer.app.state.marking import MARKING, pair_errors
 from poseviewer.app.state.objects import symmetry_text
 from poseviewer.app.state.searches import LossComparison
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.opening import has_demo_model
+from poseviewer.confidence.pose_covariance import short
 from poseviewer.files.mesh.size import size_words
+from poseviewer.geometry.camera import Parallel
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.starts.point_pairs import fewest_pairs
 from poseviewer.vehicle.wheel_pose import MIN_RIM_POINTS
@@ -61,6 +64,10 @@ PROPOSED_HINT = (
 UNSURE_HINT = "<b>which is it?</b> press a picture at the left, or <b>where the object is</b>"
 SEARCHING_HINT = (
     "the best pose so far is shown &nbsp;·&nbsp; <b>space</b> stops the search and keeps it"
+)
+ASSUMED_HINT = (
+    "the focal length is assumed, and the distance with it &nbsp;·&nbsp; before you save: "
+    "<b>Find the focal length</b>, at the left"
 )
 MARKING_HINT = " &nbsp;·&nbsp; drag a mark, double-click removes it &nbsp;·&nbsp; Esc: end"
 
@@ -131,6 +138,8 @@ def hint_of(session: Session) -> str:
             return UNSURE_HINT if proposals and proposals.starts else f"{not_found}{PLACE_HINT}"
         case _ if session.display.style == "residual":
             return ""  # it would lie over the colours' legend
+        case _ if is_focal_length_wanted(session):
+            return ASSUMED_HINT
         case _:
             return USUAL_HINT
     return f"<b>{what}</b>{MARKING_HINT}"
@@ -179,6 +188,20 @@ def focal_note(session: Session) -> str:
     document = session.document
     note = document.photo.focal_note(document.pose.camera).partition(":")[0]
     return note and f"⚠ {note}."
+
+
+def is_focal_length_wanted(session: Session) -> bool:
+    """Whether a pose that is not saved yet rests on a guess of the focal length."""
+    is_right = verdict_of(session.document.object) in ("found", "doubtful")
+    return is_right and session.is_unsaved and bool(focal_note(session))
+
+
+def assumed_condition(session: Session) -> str:
+    """Condition of all deviations where the focal length is a guess: ``, and if 2,059 px is``."""
+    camera = session.document.pose.camera
+    if isinstance(camera, Parallel) or not focal_note(session):
+        return ""
+    return f", and if the assumed focal length of {camera.fx:,.0f} px is right"
 
 
 def search_text(session: Session) -> str:
@@ -260,8 +283,12 @@ def verdict_text(session: Session) -> str:
     )
     covariance, sure = session.covariance_in(session.document.view_index), ""
     if covariance is not None:
-        words = plain(covariance.words(session.document.mesh.unit))
-        sure = f"\n\n**How sure, if right:** {words} (standard deviations)."
+        unit = session.document.mesh.unit or "units"
+        by_axis = {name: value for name, value in deviations_of(session).items() if name in "XYZ"}
+        words = "".join(f"{name} ±{short(value)} {unit}, " for name, value in by_axis.items())
+        words = plain(words + covariance.words(unit, without=("depth", "sideways")))
+        condition = assumed_condition(session)
+        sure = f"\n\n**How sure, if right{condition}:** {words} (standard deviations)."
     return f"**Verdict: {verdict.label}.** {verdict.share_right}.{sure}\n\n{reasons}"
 
 
