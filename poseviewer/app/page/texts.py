@@ -219,14 +219,7 @@ def search_text(session: Session) -> str:
     if search is None:
         if not session.document.object.is_placed:
             return "The model is not placed yet."
-        loss = session.loss
-        if losses is None or losses.mean is None or loss is None:
-            return plain(losses.note if losses else "") or PREPARING
-        count, text = len(losses.by_view), losses.mean.scale.text(loss)
-        if session.is_moving or losses.request.at_pose != session.at_pose:
-            text = _as_coarse(text)
-        of_set = f", mean of {count} photos" if count > 1 else ""
-        return f"**{text}** at this pose{of_set}"
+        return _loss_text(session) or plain(losses.note if losses else "") or PREPARING
     if progress is None:
         return "Preparing the search ..."
     fit = progress.progress
@@ -242,15 +235,36 @@ def search_text(session: Session) -> str:
     if len(search.object_indices) > 1:
         label = label_of(session.document.scene.objects[progress.object_index])
         which += f"  \nOf all objects: **{plain(label)}**"
-    loss = _as_coarse(fit.loss_text) if session.is_searching else fit.loss_text
+    loss = f"**{_as_coarse(fit.loss_text)}** (start {fit.scale.as_shown(fit.start_loss):.3f})"
+    is_active = progress.object_index == session.document.active
+    if progress.is_over and is_active and losses and losses.request.at_pose == session.at_pose:
+        loss = _loss_text(session) or loss
     text = (
-        f"Loss: {settings.loss_name}{which}  \n"
-        f"**{loss}** (start {fit.scale.as_shown(fit.start_loss):.3f})  \n"
+        f"Loss: {settings.loss_name}{which}  \n{loss}  \n"
         f"{fit.evaluations} evaluations, restart {fit.restart}, {fit.seconds:.1f} s  \n{sentence}"
     )
     if fit.verdict is not None:
         text += f"  \n**Verdict: {fit.verdict.label}.**"
     return text + _search_again_note(session)
+
+
+def _loss_text(session: Session) -> str:
+    """The loss at the pose on the pixels about it, and its search's own on others (markdown)."""
+    losses, result = session.results.losses, session.document.object.result
+    if losses is None or losses.mean is None:
+        return ""
+    count, text = len(losses.by_view), losses.mean.scale.text(losses.mean.loss)
+    if session.is_moving or losses.request.at_pose != session.at_pose:
+        text = _as_coarse(text)
+    of_set = f", mean of {count} photos" if count > 1 else ""
+    text = f"**{text}** at this pose{of_set}"
+    own = None if result is None else result.unexplained
+    if result is None or own is None or f"{own:.3f}" == f"{losses.mean.total:.3f}":
+        return text
+    has_occluders = any(mask is not None for mask in result.hidden)
+    without = ", without what it took for something in front" if has_occluders else ""
+    pixels = f"the pixels that its search compared, about its start{without}"
+    return f"{text}  \nunexplained {own:.3f} on {pixels}"
 
 
 def _search_again_note(session: Session) -> str:
