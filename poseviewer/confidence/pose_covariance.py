@@ -13,7 +13,7 @@ over the photo's width and height, as the last two components.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -49,10 +49,10 @@ STEP = 1e-5
 PINV = 1e-12
 """Share of the largest variance, or inverse of one, below which it stands for none."""
 TEXTS = {
-    "depth": "depth ±{}{unit}",
+    "depth": "along the line of sight ±{} {unit}",
     "scale_percent": "scale ±{} %",
-    "sideways": "the rest ±{}{unit}",
-    "degrees": "±{}°",
+    "sideways": "across the line of sight ±{} {unit}",
+    "degrees": "rotation ±{}°",
     "size_percent": "its size ±{} %",
     "focal_px": "focal length ±{} px",
     "principal_px": "principal point ±{} px",
@@ -241,11 +241,16 @@ class PoseCovariance:
             deviations["principal_px"] = _max_deviation(in_px)
         return {**deviations, "px": self.px}
 
-    def words(self, unit: str | None = None) -> str:
-        """Return text such as ``depth ±12 mm, the rest ±0.4 mm, ±0.1°, ...``."""
-        unit = f" {unit}" if unit else ""
-        deviations = self.deviations.items()
-        return ", ".join(TEXTS[name].format(short(value), unit=unit) for name, value in deviations)
+    def words(self, unit: str | None = None, without: Collection[str] = ()) -> str:
+        """Return text such as ``along the line of sight ±12 mm, ..., rotation ±0.1°, ...``.
+
+        Args:
+            unit: the model's; None: "units".
+            without: names of ``deviations`` to leave out.
+        """
+        known = [pair for pair in self.deviations.items() if pair[0] not in without]
+        texts = (TEXTS[name].format(short(value), unit=unit or "units") for name, value in known)
+        return ", ".join(texts)
 
 
 def joint_covariance(

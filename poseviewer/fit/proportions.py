@@ -68,16 +68,19 @@ class OtherProportions:
     """Logarithm of that axis' stretch."""
     is_better: bool
     """Whether the photo is explained significantly better, not only as well."""
+    is_focal_assumed: bool = False
+    """Whether the focal length is a guess, which stretches what the photo shows as well."""
 
     def __str__(self) -> str:
         percent = abs(100.0 * np.expm1(self.log_stretch))
         how = "longer" if self.log_stretch > 0 else "shorter"
         stretch, along = f"about {percent:.0f} % {how}", f"along its {'xyz'[self.axis]}-axis"
         if self.is_better:
-            return (
-                f"In proportion, the photo shows something {stretch} than the model {along}: "
-                f"another model?"
-            )
+            cause = "another model?"
+            if self.is_focal_assumed:
+                cause = f"a wrong focal length, which is assumed (find it), or {cause}"
+            what = f"the photo shows something {stretch} than the model {along}"
+            return f"In proportion, {what}: {cause}"
         return f"A model {stretch} {along} would fit as well: this photo does not tell."
 
 

@@ -315,12 +315,15 @@ class Search:
 
     def _check_proportions(self, end: FitProgress) -> FitProgress:
         """Judge whether other proportions of the model explain the only photo as well or better."""
-        verdict, views = end.verdict, end.problem.views
-        if verdict is None or verdict.label != "found" or len(views) > 1:
+        verdict, (view, *others) = end.verdict, end.problem.views
+        if verdict is None or verdict.label != "found" or others:
             return end
         other = other_proportions(end.problem, self._renderer, end.pose, self._threads)
         if other is None:
             return end
+        photo = self.scene.views[view.view_index].photo
+        is_assumed = bool(photo.focal_note(end.pose.camera))
+        other = replace(other, is_focal_assumed=is_assumed)
         if other.is_better:
             reasons = (str(other), *verdict.reasons)
             verdict = structs.replace(verdict, label="doubtful", reasons=reasons)

@@ -10,6 +10,8 @@ from poseviewer.geometry.arrays import freeze_array
 from poseviewer.geometry.camera import DEFAULT_FIELD_OF_VIEW_DEG, Camera, Parallel, Perspective
 from poseviewer.geometry.lens import STRIP_PIXELS, Undistortion
 
+ASSUMED_FOCAL = "The focal length is assumed"
+"""Beginning of the note on a focal length that had to be assumed."""
 GREY_WEIGHTS = freeze_array([0.299, 0.587, 0.114], (3,))
 """RGB to grey (ITU-R BT.601), display-encoded, for photo and reflectance alike."""
 
@@ -93,7 +95,7 @@ class Photo:
         if known or isinstance(camera, Parallel) or camera.fx != self.default_camera().fx:
             return ""
         return (
-            f"The focal length is assumed (a view of {DEFAULT_FIELD_OF_VIEW_DEG:g} degrees), and "
+            f"{ASSUMED_FOCAL} (a view of {DEFAULT_FIELD_OF_VIEW_DEG:g} degrees), and "
             'with it the distance: a calibration, six point pairs or "Find the focal length" '
             "(setting free_focal) tell them."
         )

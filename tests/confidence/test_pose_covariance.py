@@ -121,7 +121,7 @@ def test_a_parallel_projection_tells_its_scale() -> None:
     sure = distribution(pose, np.diag([0, 0, 0, 0, 0, 4e-4]))
     assert "depth" not in sure.deviations
     assert sure.deviations["scale_percent"] == pytest.approx(2.0)
-    assert sure.words("m").startswith("scale ±2.0 %, the rest ±0")
+    assert sure.words("m").startswith("scale ±2.0 %, across the line of sight ±0.015 m, rotation")
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from poseviewer.api import make_registration
+from poseviewer.app.state.document import with_camera
 from poseviewer.confidence.verdict import FOUND_FROM
 from poseviewer.files.scene_assets import load_model
 from poseviewer.geometry.mesh import Mesh
@@ -30,7 +31,17 @@ def test_a_model_25_percent_too_long_along_an_axis_is_not_found(scene, axis: int
     verdict = make_registration(stretched(scene, *factors)).fit().verdict
     assert verdict is not None
     assert verdict.label == "doubtful"
-    assert "another model?" in verdict.reasons[0]
+    assert ": another model?" in verdict.reasons[0]
+
+
+def test_an_assumed_focal_length_is_the_first_suspect(scene):
+    """The right model, by a focal length that is a little more than half of the photo's."""
+    opened = stretched(scene, 1.0, 1.0, 1.0)
+    assumed = opened.views[0].photo.default_camera()
+    pose = with_camera(opened.pose(0), assumed, opened.objects[0].mesh.centre)
+    verdict = make_registration(opened.with_pose(0, pose)).fit().verdict
+    assert verdict is not None
+    assert "a wrong focal length, which is assumed (find it), or another" in verdict.reasons[0]
 
 
 def test_a_model_that_fits_stays_found(scene):

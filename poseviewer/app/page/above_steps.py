@@ -106,7 +106,7 @@ def loss_bar(session: Session) -> str:
         return ""
     pose, parts = None if losses is None else losses.mean, ""
     marks: dict[str, float | None] = {}  # the later over the earlier ones, and smaller
-    if latest is not None:
+    if latest is not None and session.is_searching:
         scale = latest.progress.scale
         marks = {"start": latest.progress.start_loss, "best": latest.progress.loss}
     elif losses is not None and pose is not None:
@@ -114,7 +114,7 @@ def loss_bar(session: Session) -> str:
     else:
         return ""
     if pose is not None and not session.is_searching:  # of a search's poses the parts are not asked
-        marks["pose"] = session.loss
+        marks["pose"] = pose.loss
         parts = f" This pose: {pose.parts_text}." if pose.parts_text else ""
     drawn = key = ""
     for name, loss in marks.items():

@@ -80,6 +80,8 @@ def result_html(session: Session) -> str:
         for name, text in copies_of(session).items()
     )
     name, unit = escape(label_of(document.object)), document.mesh.unit or "the model's unit"
+    if deviations and source == "assumed":
+        unit += f"; all ± hold if {numbers['focal']:,.0f} px is right"
     return (
         f'<div class="pv-result" title="{ABOUT}"><b>{name}</b> as the camera sees it, in {unit}'
         f"<table>{rows}</table><div>Copy as {buttons}</div></div>"

@@ -3,14 +3,17 @@
 import numpy as np
 
 from poseviewer.app.page.controls import percent, plain
+from poseviewer.app.page.result import deviations_of
 from poseviewer.app.state import hiding as h
-from poseviewer.app.state.document import WHEELS, label_of
+from poseviewer.app.state.document import WHEELS, label_of, verdict_of
 from poseviewer.app.state.marking import MARKING, pair_errors
 from poseviewer.app.state.objects import symmetry_text
 from poseviewer.app.state.searches import LossComparison
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.opening import has_demo_model
+from poseviewer.confidence.pose_covariance import short
 from poseviewer.files.mesh.size import size_words
+from poseviewer.geometry.camera import Parallel
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.starts.point_pairs import fewest_pairs
 from poseviewer.vehicle.wheel_pose import MIN_RIM_POINTS
@@ -61,6 +64,10 @@ PROPOSED_HINT = (
 UNSURE_HINT = "<b>which is it?</b> press a picture at the left, or <b>where the object is</b>"
 SEARCHING_HINT = (
     "the best pose so far is shown &nbsp;·&nbsp; <b>space</b> stops the search and keeps it"
+)
+ASSUMED_HINT = (
+    "the focal length is assumed, and the distance with it &nbsp;·&nbsp; before you save: "
+    "<b>Find the focal length</b>, at the left"
 )
 MARKING_HINT = " &nbsp;·&nbsp; drag a mark, double-click removes it &nbsp;·&nbsp; Esc: end"
 
@@ -131,6 +138,8 @@ def hint_of(session: Session) -> str:
             return UNSURE_HINT if proposals and proposals.starts else f"{not_found}{PLACE_HINT}"
         case _ if session.display.style == "residual":
             return ""  # it would lie over the colours' legend
+        case _ if is_focal_length_wanted(session):
+            return ASSUMED_HINT
         case _:
             return USUAL_HINT
     return f"<b>{what}</b>{MARKING_HINT}"
@@ -181,6 +190,20 @@ def focal_note(session: Session) -> str:
     return note and f"⚠ {note}."
 
 
+def is_focal_length_wanted(session: Session) -> bool:
+    """Whether a pose that is not saved yet rests on a guess of the focal length."""
+    is_right = verdict_of(session.document.object) in ("found", "doubtful")
+    return is_right and session.is_unsaved and bool(focal_note(session))
+
+
+def assumed_condition(session: Session) -> str:
+    """Condition of all deviations where the focal length is a guess: ``, and if 2,059 px is``."""
+    camera = session.document.pose.camera
+    if isinstance(camera, Parallel) or not focal_note(session):
+        return ""
+    return f", and if the assumed focal length of {camera.fx:,.0f} px is right"
+
+
 def search_text(session: Session) -> str:
     """Say how the search stands and its verdict, or the loss at the pose (markdown)."""
     search = session.search
@@ -196,14 +219,7 @@ def search_text(session: Session) -> str:
     if search is None:
         if not session.document.object.is_placed:
             return "The model is not placed yet."
-        loss = session.loss
-        if losses is None or losses.mean is None or loss is None:
-            return plain(losses.note if losses else "") or PREPARING
-        count, text = len(losses.by_view), losses.mean.scale.text(loss)
-        if session.is_moving or losses.request.at_pose != session.at_pose:
-            text = _as_coarse(text)
-        of_set = f", mean of {count} photos" if count > 1 else ""
-        return f"**{text}** at this pose{of_set}"
+        return _loss_text(session) or plain(losses.note if losses else "") or PREPARING
     if progress is None:
         return "Preparing the search ..."
     fit = progress.progress
@@ -219,13 +235,50 @@ def search_text(session: Session) -> str:
     if len(search.object_indices) > 1:
         label = label_of(session.document.scene.objects[progress.object_index])
         which += f"  \nOf all objects: **{plain(label)}**"
-    loss = _as_coarse(fit.loss_text) if session.is_searching else fit.loss_text
+    loss = f"**{_as_coarse(fit.loss_text)}** (start {fit.scale.as_shown(fit.start_loss):.3f})"
+    is_active = progress.object_index == session.document.active
+    if progress.is_over and is_active and losses and losses.request.at_pose == session.at_pose:
+        loss = _loss_text(session) or loss
     text = (
-        f"Loss: {settings.loss_name}{which}  \n"
-        f"**{loss}** (start {fit.scale.as_shown(fit.start_loss):.3f})  \n"
+        f"Loss: {settings.loss_name}{which}  \n{loss}  \n"
         f"{fit.evaluations} evaluations, restart {fit.restart}, {fit.seconds:.1f} s  \n{sentence}"
     )
-    return text if fit.verdict is None else f"{text}  \n**Verdict: {fit.verdict.label}.**"
+    if fit.verdict is not None:
+        text += f"  \n**Verdict: {fit.verdict.label}.**"
+    return text + _search_again_note(session)
+
+
+def _loss_text(session: Session) -> str:
+    """The loss at the pose on the pixels about it, and its search's own on others (markdown)."""
+    losses, result = session.results.losses, session.document.object.result
+    if losses is None or losses.mean is None:
+        return ""
+    count, text = len(losses.by_view), losses.mean.scale.text(losses.mean.loss)
+    if session.is_moving or losses.request.at_pose != session.at_pose:
+        text = _as_coarse(text)
+    of_set = f", mean of {count} photos" if count > 1 else ""
+    text = f"**{text}** at this pose{of_set}"
+    own = None if result is None else result.unexplained
+    if result is None or own is None or f"{own:.3f}" == f"{losses.mean.total:.3f}":
+        return text
+    has_occluders = any(mask is not None for mask in result.hidden)
+    without = ", without what it took for something in front" if has_occluders else ""
+    pixels = f"the pixels that its search compared, about its start{without}"
+    return f"{text}  \nunexplained {own:.3f} on {pixels}"
+
+
+def _search_again_note(session: Session) -> str:
+    """Name objects that a focal length, found by another one, has taken the result from."""
+    progress = session.search_progress
+    if progress is None or not (progress.is_over and progress.settings.free_focal):
+        return ""
+    names = [
+        plain(label_of(item))
+        for index, item in enumerate(session.document.scene.objects)
+        if index != progress.object_index and item.is_placed and item.result is None
+    ]
+    what = f"  \nThe focal length holds for all objects: search again for {', '.join(names)}."
+    return what if names else ""
 
 
 def _as_coarse(text: str) -> str:
@@ -244,8 +297,12 @@ def verdict_text(session: Session) -> str:
     )
     covariance, sure = session.covariance_in(session.document.view_index), ""
     if covariance is not None:
-        words = plain(covariance.words(session.document.mesh.unit))
-        sure = f"\n\n**How sure, if right:** {words} (standard deviations)."
+        unit = session.document.mesh.unit or "units"
+        by_axis = {name: value for name, value in deviations_of(session).items() if name in "XYZ"}
+        words = "".join(f"{name} ±{short(value)} {unit}, " for name, value in by_axis.items())
+        words = plain(words + covariance.words(unit, without=("depth", "sideways")))
+        condition = assumed_condition(session)
+        sure = f"\n\n**How sure, if right{condition}:** {words} (standard deviations)."
     return f"**Verdict: {verdict.label}.** {verdict.share_right}.{sure}\n\n{reasons}"
 
 

@@ -48,8 +48,10 @@ def start_search(session: Session) -> Session:
 
 @edit
 def find_focal_length(session: Session) -> Session:
-    """Search for the active object's pose together with the focal length."""
-    return start_search()(alter_settings(lambda now: replace(now, free_focal=True))(session))
+    """Search once for the active object's pose and the focal length; the settings stay."""
+    document = session.document
+    settings = replace(document.settings, free_focal=True)
+    return _begin_search(session, document, (settings,), (document.active,))
 
 
 @edit
@@ -62,8 +64,8 @@ def search_all(session: Session) -> Session:
         raise SettingsError("all objects are locked, hidden or not placed: nothing to search")
     if len(free) > 1 and any(item.settings.has_free_camera for item in free.values()):
         raise SettingsError(
-            "focal length and principal point are one for all objects: find them with one of the "
-            "objects alone, then search all without them"
+            "focal length and principal point are one for all objects: search for one of the "
+            "objects alone, then untick them (Fit, Settings) and search all"
         )
     return _begin_search(session, document, (document.settings,), tuple(free))
 

@@ -21,7 +21,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.scene.settings import LOSSES, FitSettings, LossName, settings_as_json
+from poseviewer.scene.settings import LOSSES, FitSettings, LossName
 from poseviewer.scene.types import Scene
 
 MappedLoss = Literal["chosen", "default", "paper", "both"]
@@ -100,9 +100,16 @@ class Session:
         return replace(self, results=Results(), history=History(), proposals_by_object={})
 
     @property
+    def read_scene(self) -> Scene:
+        """The scene about which the pixels of the loss at the pose lie; at rest the document's, so
+        that a pose has one loss, whatever led to it.
+        """
+        return self.compared_scene if self.is_moving else self.document.scene
+
+    @property
     def pixels(self) -> tuple[object, ...]:
         """Values that are equal if the same pixels are compared by the same loss."""
-        return *self.document.shown, *loss_inputs(self.compared_scene, self.document.active)
+        return *self.document.shown, *loss_inputs(self.read_scene, self.document.active)
 
     @property
     def at_pose(self) -> tuple[object, ...]:
@@ -140,17 +147,6 @@ class Session:
         return progress if progress.problem.views[0].view_index == document.view_index else None
 
     @property
-    def loss(self) -> float | None:
-        """Loss at the current pose: of the search that ended there, else as a worker read it."""
-        result, losses = self.document.object.result, self.results.losses
-        if losses is None or losses.mean is None:
-            return None
-        known = {} if result is None or result.settings is None else result.settings
-        is_same = settings_as_json(self.document.settings).items() <= known.items()
-        loss = result.loss if result is not None and is_same else None
-        return losses.mean.loss if loss is None else loss
-
-    @property
     def other_outlines(self) -> tuple[FloatArray, ...]:
         """Outlines of the comparison's other ends, while one of its ends is shown."""
         comparison, shown = self.comparison, None if self.is_searching else self.own_progress
@@ -165,11 +161,13 @@ class Session:
 
     @property
     def mapped(self) -> tuple[FitSettings, ...]:
-        """Settings for each loss that is mapped."""
+        """Settings for each loss that is mapped, with the focal length that a search frees."""
         settings, loss = self.document.settings, self.display.mapped_loss
+        if self.own_progress is not None and self.own_progress.settings.free_focal:
+            settings = replace(settings, free_focal=True)
         if loss == "both":
-            return tuple(map(self.settings_by, LOSSES))
-        return (settings if loss == "chosen" else self.settings_by(loss),)
+            return tuple(settings.of_loss(name, self.other_settings) for name in LOSSES)
+        return (settings if loss == "chosen" else settings.of_loss(loss, self.other_settings),)
 
     @property
     def proposals(self) -> ProposedStarts | None:

@@ -84,8 +84,16 @@ def _export_stem(document: Document, view: int, of_all: bool = False) -> str:
     return f"{stem_of(document, view)}.{name}"
 
 
-def export(what: Export, session: Session, unit: str = "") -> dict[str, bytes]:
-    """Contents of a download's files by their names; ``unit`` overrides the model's.
+def export(
+    what: Export, session: Session, unit: str = "", notes: list[str] | None = None
+) -> dict[str, bytes]:
+    """Contents of a download's files by their names.
+
+    Args:
+        what: name of the download.
+        session: to take it from.
+        unit: overrides the model's, unless "".
+        notes: sentences on a conversion are added to it.
 
     Raises:
         PoseViewerError: there is nothing of that kind yet, or a format needs the unit.
@@ -94,7 +102,8 @@ def export(what: Export, session: Session, unit: str = "") -> dict[str, bytes]:
     if what == RELATIVE:
         return _relative_poses(document)
     if what in CONVERTED:
-        return _convert(what, session, unit if unit in METRES else None)
+        notes = [] if notes is None else notes
+        return _convert(what, session, unit if unit in METRES else None, notes)
     view = pose_file_view(document) if what == "pose" else document.view_index
     photo = document.scene.views[view].photo
     stem = _export_stem(document, view)
@@ -122,7 +131,7 @@ def export(what: Export, session: Session, unit: str = "") -> dict[str, bytes]:
     }
 
 
-def _convert(what: str, session: Session, unit: str | None) -> dict[str, bytes]:
+def _convert(what: str, session: Session, unit: str | None, notes: list[str]) -> dict[str, bytes]:
     """Convert to one file, or a zip of several; for all objects if the format holds several."""
     document, scene = session.document, as_saved(scene_to_save(session))
     of_all = what not in FORMATS or FORMATS[what].several_objects
@@ -133,7 +142,7 @@ def _convert(what: str, session: Session, unit: str | None) -> dict[str, bytes]:
             if not FORMATS[what].several_objects:
                 scene = replace(scene, objects=(scene.objects[document.active],))
             options = ConvertOptions(image="0", object_id=1, unit=unit, overwrite=True)
-            FORMATS[what].convert(scene, out, options)
+            notes += FORMATS[what].convert(scene, out, options)[1]
         else:
             from poseviewer.figures.object_maps import (  # numba takes a quarter of a second
                 pictures_of_objects,

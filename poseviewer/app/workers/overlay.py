@@ -61,7 +61,7 @@ class LossReader:
         self._start = 0.0
 
     def views(self, request: Session) -> tuple[ViewResidual, ...]:
-        """The views as they are compared about the request's anchor; empty if they cannot be."""
+        """The views as they are compared about ``read_scene``; empty if they cannot be."""
         document = request.document
         about = document.object.start, document.object.start_cameras, *request.pixels
         if about != self._about:
@@ -71,7 +71,7 @@ class LossReader:
             # The loss does not depend on the free parameters.
             free = {"free_focal": False, "free_principal_point": False}
             plain = replace(document.settings, lock=(), chart="auto", **free)
-            anchor = request.compared_scene.with_object(document.active, settings=plain)
+            anchor = request.read_scene.with_object(document.active, settings=plain)
             view = reference_view(anchor, document.active, document.view_index)
             try:
                 self._views = make_problem(anchor, document.active, view)[0].views

@@ -159,7 +159,9 @@ def download(what: Export, client: int, unit: str = "") -> QueuedTask:
     working = "Drawing ..." if what in ("overlay", "sheet") else ""
 
     def run(now: Session, _: Path) -> TaskResult:
-        return TaskResult(files=export(what, now, unit), client=client)
+        notes: list[str] = []
+        files = export(what, now, unit, notes)
+        return TaskResult(notes=tuple(notes), files=files, client=client)
 
     return QueuedTask(run, working, draws=what == "overlay")
 

@@ -21,6 +21,7 @@ from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
+from poseviewer.geometry.image import ASSUMED_FOCAL
 from poseviewer.geometry.lens import (
     CAMERA_TOLERANCE,
     MIRRORED,
@@ -217,6 +218,8 @@ class Format:
                 found = f"{name} is {TURNED}, and the pose is one in the upright photo"
                 notes.append(f"{found}; save it upright for tools that do not turn it.")
             ready.append(view)
+        if (assumed := assumed_focal(scene)) and not self.is_own:
+            notes.append(assumed)
         written = self.write(replace(scene, views=tuple(ready)), out, options, notes)
         for path in () if self.appends else written:
             if path.is_dir():
@@ -230,6 +233,13 @@ class Format:
             data = content if isinstance(content, bytes) else content.encode()
             write_whole(path, data, PoseFileError)
         return [*files, *written], notes
+
+
+def assumed_focal(scene: Scene) -> str:
+    """The results' note on a focal length that had to be assumed; "": none was."""
+    results = (item.result for item in scene.objects if item.result is not None)
+    notes = (note for result in results for note in result.notes)
+    return next((note for note in notes if note.startswith(ASSUMED_FOCAL)), "")
 
 
 def turn_view(view: View, orientation: int) -> View:

@@ -40,7 +40,9 @@ def write_colmap(scene: Scene, out: Path, *_: object) -> dict[Path, str]:
         said = f"{model} {camera.width} {camera.height} {numbers}"
         number = cameras.setdefault(said, len(cameras) + 1)
         images += f"{index} {place} {number} {path.name or 'photo'}\n\n"
-    lines = "".join(f"{number} {said}\n" for said, number in cameras.items())
+    note = c.assumed_focal(scene)
+    lines = f"# {note}\n" if note else ""
+    lines += "".join(f"{number} {said}\n" for said, number in cameras.items())
     texts = {"cameras.txt": lines, "images.txt": images, "points3D.txt": "# none\n"}
     return {out / name: text for name, text in texts.items()}
 

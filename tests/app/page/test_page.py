@@ -46,7 +46,8 @@ def test_a_guessed_focal_length_is_searched_for_by_the_button_beside(running: Ru
         page.wait_until(lambda: handle.visible)
         page.change(uuid, True)
         page.wait_until(lambda: app.session.is_searching)
-        assert app.session.document.settings.free_focal
+        assert app.session.search is not None
+        assert app.session.search.methods[0].free_focal
         app._mailbox.post(revert_search())
 
 

@@ -34,7 +34,6 @@ from poseviewer.app.workers.exporting import scene_to_save
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.files.scene_json import as_saved, pose_json
 from poseviewer.fit.loss import LossScale, Unexplained
-from poseviewer.scene.settings import settings_as_json
 from poseviewer.scene.types import SearchResult
 from tests.app.state import edits as c
 from tests.app.state.documents import PERSPECTIVE, after, held, make_photo, make_session
@@ -108,19 +107,23 @@ def test_what_is_said_of_a_pose_that_moves_is_said_to_be_coarse():
         assert search_text(moved) == "**unexplained about 1.000** at this pose"
 
 
-def test_a_pose_that_a_search_found_keeps_the_searchs_value():
+def test_the_searchs_own_value_stands_beside_that_of_the_pose():
     """What is compared about the pose is not what the search compared about its start."""
     session = make_session()
     scale = LossScale(3, 3, True)
-    read = Results(losses=LossReading(session, Unexplained(scale, scale.worst)))
-    settings = {**settings_as_json(session.document.settings), "photo_channels": 3}
-    result = SearchResult(loss=0.9 * scale.worst, unexplained=0.5, settings=settings)
-    document = session.document.with_object(result=result)
-    session = replace(session, document=document)
-    session = replace(session, results=Results(losses=LossReading(session, read.losses.mean)))
-    assert scale.text(0.9 * scale.worst) in search_text(session)
-    other = after(session, c.alter_settings(lambda now: replace(now, grey=True)))
-    assert scale.text(scale.worst).split()[1] in search_text(replace(other, results=read))
+    mean = Unexplained(scale, scale.worst)
+    pixels = np.ones((120, 160), bool)
+    results = {"": 1.0, "start": 0.5, "without what": 0.25}
+    for words, unexplained in results.items():
+        hidden = (pixels,) if "without" in words else (None,)
+        result = SearchResult(loss=0.1, unexplained=unexplained, hidden=hidden)
+        found = replace(session, document=session.document.with_object(result=result))
+        found = replace(found, results=Results(losses=LossReading(found, mean)))
+        first, *more = search_text(found).splitlines()
+        assert first.rstrip() == "**unexplained 1.000** at this pose"
+        assert len(more) == bool(words)
+        assert all(f"{unexplained:.3f} on the pixels" in line for line in more)
+        assert all(words in line for line in more)
 
 
 def test_what_this_is_and_what_to_do_first_is_said_until_something_is_done():

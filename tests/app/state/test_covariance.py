@@ -1,13 +1,16 @@
 """How sure a searched pose is, in the session."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from poseviewer.app.page.texts import verdict_text
+from poseviewer.app.page.result import deviations_of, result_html
+from poseviewer.app.page.texts import ASSUMED_HINT, USUAL_HINT, hint_of, verdict_text
 from poseviewer.app.state.objects import show_view
-from poseviewer.app.state.pose_edits import nudge
+from poseviewer.app.state.pose_edits import nudge, pose_numbers
 from poseviewer.app.state.session import Session
-from poseviewer.confidence.pose_covariance import PoseCovariance
+from poseviewer.confidence.pose_covariance import PoseCovariance, short
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.scene.types import SearchResult
@@ -33,10 +36,32 @@ def session() -> Session:
 def test_the_verdict_says_how_sure_the_pose_is(session: Session) -> None:
     sure = session.covariance_in(0)
     assert sure is not None
-    assert sure.words(session.document.mesh.unit) in verdict_text(session)
+    rest = sure.words(without=("depth", "sideways"))
+    assert "line of sight" not in rest
+    said, numbers = verdict_text(session), deviations_of(session)
+    axes = ", ".join(f"{name} ±{short(numbers[name])} units" for name in "XYZ")
+    assert f"How sure, if right:** {axes}, {rest}" in said
     moved = after(session, nudge("move", 1.0))
     assert moved.covariance_in(0) is None
     assert verdict_text(moved) == ""
+
+
+def test_all_deviations_are_said_to_rest_on_an_assumed_focal_length(session: Session) -> None:
+    camera = session.document.photo.default_camera()
+    pose = replace(session.document.pose, camera=camera)
+    sure, result = session.covariance_in(0), session.document.object.result
+    assert sure is not None
+    assert result is not None
+    known = replace(result, covariance=replace(sure, pose=pose))
+    assumed = Session(session.document.at_pose(pose).with_object(result=known))
+    for now, is_assumed in ((session, False), (assumed, True)):
+        number = f"{pose_numbers(now.document.pose)['focal']:,.0f} px is right"
+        assert (f"if right, and if the assumed focal length of {number}" in verdict_text(now)) == (
+            is_assumed
+        )
+        assert (f"all ± hold if {number}" in result_html(now)) == is_assumed
+        assert (hint_of(now) == ASSUMED_HINT) == is_assumed
+    assert hint_of(replace(assumed, saved=assumed.document)) == USUAL_HINT
 
 
 def test_another_view_turns_and_shifts_it() -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from poseviewer.app.page.texts import search_text
 from poseviewer.app.state.document import label_of, loss_inputs, verdict_of
 from poseviewer.app.state.dragging import nearest_object
 from poseviewer.app.state.objects import (
@@ -16,9 +17,11 @@ from poseviewer.app.state.objects import (
     remove_object,
 )
 from poseviewer.app.state.session import Session
+from poseviewer.app.workers.jobs import run_search
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.scene.assets import ModelFile
+from poseviewer.scene.settings import FitSettings, Limits
 from poseviewer.scene.types import SearchResult
 from tests.app.state import edits as c
 from tests.app.state.documents import (
@@ -27,6 +30,7 @@ from tests.app.state.documents import (
     after,
     asked_of,
     make_keypoints,
+    make_photo,
     make_session,
     moved_document,
     refused,
@@ -237,6 +241,24 @@ def test_a_search_is_for_the_active_one_and_all_are_searched_for_in_turn():
     assert asked_of(hidden).object_indices == (1,)
     locked = after(session, alter_object(2, locked=True))
     assert "locked" in refused(locked, c.start_search())
+
+
+def test_a_focal_length_found_by_one_object_holds_for_all():
+    few = FitSettings(limits=Limits(evaluations=60))
+    session = after(with_two(make_photo().default_camera()), c.alter_settings(lambda _: few))
+    document = session.document.with_object(0, result=FOUND)
+    begun = after(replace(session, document=document), c.find_focal_length())
+    updates = list(run_search(asked_of(begun)))
+    done = after(begun, *(c.search_advanced(asked_of(begun), item) for item in updates))
+    assert pose_of(done, 1).camera == pose_of(done, 2).camera != document.pose.camera
+    assert verdict_of(done.document.scene.objects[0]) == "not searched"
+    assert "search again for m.ply." in search_text(done)
+    # Maps are of the problem that was searched, and the settings are as before.
+    assert [settings.free_focal for settings in done.mapped] == [True]
+    assert done.document.settings == few
+    kept = after(done, c.accept_search())
+    assert kept.mapped == (few,)
+    assert asked_of(after(kept, c.search_all())).object_indices == (0, 1)
 
 
 def test_a_note_on_an_object_is_one_step_and_unsaved_until_it_is_written():

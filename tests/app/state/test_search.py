@@ -12,6 +12,7 @@ from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import run_search, search_edits
 from poseviewer.app.workers.maps import refine_maps
 from poseviewer.app.workers.opening import open_files
+from poseviewer.app.workers.overlay import LossReader
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.progress import SearchProgress
 from poseviewer.render.pool import RendererPool
@@ -73,8 +74,9 @@ def test_the_focal_length_is_searched_for_by_one_press():
     asked = after(session, c.find_focal_length())
     assert asked.is_searching
     assert asked_of(asked).methods[0].free_focal
-    assert asked_of(asked).start.settings.free_focal
-    assert not after(asked, c.revert_search(), c.undo()).document.settings.free_focal
+    assert not asked.document.settings.free_focal  # a press changes no setting
+    assert asked.history.past == (session.document,)
+    assert after(asked, c.revert_search()).document is session.document
 
 
 def test_a_search_is_one_step_to_its_best_pose(session, updates):
@@ -86,6 +88,25 @@ def test_a_search_is_one_step_to_its_best_pose(session, updates):
     assert accepted.search is None
     assert accepted.document is done.document
     assert after(accepted, c.undo()).document is session.document
+
+
+def test_a_pose_has_one_loss_whatever_led_to_it(session, updates):
+    reader = LossReader(SoftwareRenderer(session.document.mesh))
+    done = searched(session, updates, len(updates))
+    kept = after(done, c.accept_search())
+    elsewhere = after(session, c.nudge("move", 3.0), c.make_start())
+    ways = [
+        done,
+        kept,
+        after(kept, c.nudge("move", 1.0), c.undo()),
+        after(session, c.set_fields(document=session.document.at_pose(done.document.pose))),
+        elsewhere.with_document(elsewhere.document.at_pose(done.document.pose)),
+        after(kept, c.alter_settings(lambda now: replace(now, free_focal=True))),
+    ]
+    means = [reader.read(way).mean for way in ways]
+    losses = [mean.loss for mean in means if mean is not None]
+    np.testing.assert_allclose(losses, [losses[0]] * len(ways), rtol=1e-9)
+    assert done.at_pose == kept.at_pose  # it is read once
 
 
 def test_a_stopped_search_keeps_its_best(session, updates):

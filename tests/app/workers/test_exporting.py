@@ -1,5 +1,6 @@
 """What the page sends in other tools' formats is what ``convert`` and ``render`` write."""
 
+from dataclasses import astuple, replace
 from io import BytesIO
 from zipfile import ZipFile
 
@@ -12,6 +13,7 @@ from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import CONVERTED, RELATIVE, export
 from poseviewer.app.workers.opening import open_files
 from poseviewer.errors import PoseViewerError
+from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
 from tests.app.state.documents import after
 
@@ -36,6 +38,30 @@ def test_a_pose_is_sent_in_every_format(scene, what):
         names = ZipFile(BytesIO(data)).namelist()
         assert any("cameras.txt" in file or "/nocs/" in file for file in names)
     assert data
+
+
+@pytest.mark.parametrize("what", ["opencv", "colmap", "nerfstudio"])
+def test_an_assumed_focal_length_is_said_of_a_camera(scene, what, tmp_path):
+    known = Session(open_files(scene.photo, scene.model, scene.start))
+    camera = known.document.photo.default_camera()
+    pose = replace(known.document.pose, camera=camera)
+    assumed = Session(known.document.at_pose(pose))
+    for session, is_assumed in ((known, False), (assumed, True)):
+        notes: list[str] = []
+        ((name, data),) = export(what, session, notes=notes).items()
+        assert any("is assumed" in note for note in notes) == is_assumed
+        out = tmp_path / str(is_assumed) / name
+        out.parent.mkdir()
+        out.write_bytes(data)
+        if name.endswith(".zip"):
+            ZipFile(out).extractall(out.parent)
+            out = next(out.parent.rglob("cameras.txt")).parent
+        text = (out / "cameras.txt" if out.is_dir() else out).read_text()
+        has_comment = "# The focal length is assumed" in text
+        assert has_comment == (is_assumed and what != "nerfstudio")
+        found = FORMATS[what].read(out, ConvertOptions())
+        wanted = astuple(session.document.pose.camera)
+        np.testing.assert_allclose(astuple(found.views[0].camera), wanted)
 
 
 def test_no_object_of_a_photo_has_another_ones_file(scene):

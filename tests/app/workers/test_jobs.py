@@ -78,7 +78,8 @@ def test_the_loss_is_that_of_the_search(document, renderer, settings):
     reader = LossReader(renderer)
     for shift in (0.0, 0.05, -0.1):
         there = document.at_params(problem, problem.start + shift)
-        losses = reader.read(Session(there, anchor=document.scene, display=Display("none")))
+        moving = held(Session(there, anchor=document.scene, display=Display("none")))
+        losses = reader.read(moving)
         assert losses.mean is not None
         wanted = pose_loss(problem, renderer, problem.start + shift)
         assert losses.mean.loss == pytest.approx(wanted, rel=1e-12)
@@ -100,7 +101,8 @@ def test_the_start_is_the_start_pose_wherever_the_pixels_are_about(document, ren
     session, reader = Session(document), LossReader(renderer)
     picked = after(session, nudge("move", 9.0))  # as a press on a map, or undo: pixels about it
     losses = reader.read(picked)
-    at_start = reader.read(replace(picked, document=document, anchor=picked.document.scene)).mean
+    about = replace(picked, document=document, anchor=picked.document.scene)
+    at_start = reader.read(held(about)).mean
     assert losses.mean is not None
     assert at_start is not None
     assert losses.start == pytest.approx(at_start.loss) != losses.mean.loss
