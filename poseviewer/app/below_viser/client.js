@@ -24,6 +24,7 @@ const state = {
   size: [0, 0],
   large: -1, // index of the large photo in the strip
   pointer: null, // "drag", "draw" or "pan" while a button is down
+  turn: null, // press on what a drag turns: {message, box, at, kind, moved}
   anchor: [0, 0], // point of the photo, px, that follows the pointer in a pan
   sequence: Date.now(), // makes reports differ: viser drops repeated ones, also of earlier pages
   sent: "", // name of the last upload
@@ -455,15 +456,33 @@ function openStep(step) {
   return isOpen(step);
 }
 
+const CLICK = 4; // CSS px that a press may move before it turns what it is on
 // Presses, also by Enter, on elements with a report: sent with the point, in shares of the
-// element's sides from its lower left corner.
+// element's sides from its lower left corner. What is dragged with data-turns turns instead.
 function report(event) {
   const node = event.target.closest?.("[data-report]");
   if (!node || (event.type === "keydown" && event.key !== "Enter")) return;
   const box = node.getBoundingClientRect();
   const u = (event.clientX - box.left) / box.width;
-  send({ ...JSON.parse(node.dataset.report), u, v: (box.bottom - event.clientY) / box.height });
+  const message = { ...JSON.parse(node.dataset.report), u,
+    v: (box.bottom - event.clientY) / box.height };
+  const [at, kind] = [[event.clientX, event.clientY], node.dataset.turns];
+  if (kind && event.type === "pointerdown") state.turn = { message, box, at, kind, moved: false };
+  else send(message);
 }
+addEventListener("pointermove", (event) => {
+  const turn = state.turn;
+  if (!turn) return;
+  const [right, down] = [event.clientX - turn.at[0], event.clientY - turn.at[1]];
+  if (!turn.moved && Math.hypot(right, down) < CLICK) return;
+  Object.assign(turn, { moved: true, at: [event.clientX, event.clientY] });
+  send({ kind: turn.kind, right: right / turn.box.width, down: down / turn.box.height });
+});
+addEventListener("pointerup", () => {
+  if (state.turn && !state.turn.moved) send(state.turn.message);
+  state.turn = null;
+});
+addEventListener("pointercancel", () => { state.turn = null; });
 addEventListener("pointerdown", report);
 addEventListener("keydown", report);
 
