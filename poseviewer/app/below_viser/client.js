@@ -406,11 +406,17 @@ async function filesOf(entry, files) {
   }
 }
 
-// Files dropped anywhere go to the button for folders; else the browser would open them.
+// Files dropped anywhere go to the button for folders; else the browser would open them. While they
+// are dragged over the page, it shows itself as their target.
+const showTarget = (on) => document.documentElement.classList.toggle("pv-target", on);
 addEventListener("dragover", (event) => {
-  if (event.dataTransfer?.types.includes("Files")) event.preventDefault();
+  if (!event.dataTransfer?.types.includes("Files")) return;
+  event.preventDefault();
+  showTarget(true);
 }, true);
+addEventListener("dragleave", (event) => { if (!event.relatedTarget) showTarget(false); }, true);
 addEventListener("drop", async (event) => {
+  showTarget(false);
   const input = document.querySelector("input[type=file][accept=folder]");
   const dropped = event.dataTransfer;
   if (!dropped?.types.includes("Files") || !input) return;
@@ -492,6 +498,25 @@ addEventListener("pointerover", (event) => {
   hovered.setAttribute("d", path?.getAttribute("d") ?? "");
 });
 
+// The labels of a plot's values have as many digits as tell them apart; uPlot has three at most.
+function valueLabels(chart, splits) {
+  const gap = Math.min(...splits.slice(1).map((value, i) => value - splits[i]));
+  const isExact = (digits) =>
+    splits.every((value) => Math.abs(Number(value.toFixed(digits)) - value) < 0.01 * gap);
+  let digits = 0;
+  while (digits < 9 && splits.length > 1 && !isExact(digits)) digits += 1;
+  return splits.map((value) => (splits.length > 1 ? value.toFixed(digits) : String(value)));
+}
+
+function labelPlots() {
+  for (const { chart } of Object.values(window.__viserTestpoints?.uplots ?? {})) {
+    const axis = chart.axes[1];
+    if (axis.values === valueLabels) continue;
+    axis.values = valueLabels;
+    chart.redraw(false, true);
+  }
+}
+
 // Texts are copied through a field: a page without TLS has no other clipboard.
 addEventListener("click", (event) => {
   const node = event.target.closest?.("[data-copy]");
@@ -557,6 +582,7 @@ function watch() {
     const isAsWas = clientWidth === state.size[0] && clientHeight === state.size[1];
     if (!viewer.camera.view?.enabled || !isAsWas) applyView();
     drawSheet();
+    labelPlots();
     viewer.canvas.style.cursor = pen.shape ? "crosshair" : "";
     if (!state.step || tabOf(state.step)) state.frames += 1;
     if (state.frames === LAYOUT_FRAMES) document.documentElement.classList.add("pv-ready");

@@ -129,7 +129,9 @@ def _with_keypoints(
 @edit
 def remark_wheels(session: Session) -> Session:
     """Forget the wheels of the model, to mark them anew."""
-    return replace(session.with_document(_with_keypoints(session.document, None, ())), tool="wheels")
+    return replace(
+        session.with_document(_with_keypoints(session.document, None, ())), tool="wheels"
+    )
 
 
 @drag_edit
