@@ -24,6 +24,7 @@ const state = {
   size: [0, 0],
   large: -1, // index of the large photo in the strip
   pointer: null, // "drag", "draw" or "pan" while a button is down
+  target: 0, // timer that ends showing the page as a drop target
   turn: null, // press on what a drag turns: {message, box, at, kind, moved}
   anchor: [0, 0], // point of the photo, px, that follows the pointer in a pan
   sequence: Date.now(), // makes reports differ: viser drops repeated ones, also of earlier pages
@@ -408,13 +409,17 @@ async function filesOf(entry, files) {
 
 // Files dropped anywhere go to the button for folders; else the browser would open them. While they
 // are dragged over the page, it shows itself as their target.
-const showTarget = (on) => document.documentElement.classList.toggle("pv-target", on);
+const TARGET_MS = 1000; // browsers tell of a drag over the page at least each half second
+function showTarget(on) {
+  document.documentElement.classList.toggle("pv-target", on);
+  clearTimeout(state.target);
+  if (on) state.target = setTimeout(() => showTarget(false), TARGET_MS);
+}
 addEventListener("dragover", (event) => {
   if (!event.dataTransfer?.types.includes("Files")) return;
   event.preventDefault();
   showTarget(true);
 }, true);
-addEventListener("dragleave", (event) => { if (!event.relatedTarget) showTarget(false); }, true);
 addEventListener("drop", async (event) => {
   showTarget(false);
   const input = document.querySelector("input[type=file][accept=folder]");

@@ -121,8 +121,8 @@ def model_html(session: Session) -> str:
         at = f'transform="translate({x:.1f} {y:.1f})"'
         drawn += f'<g {at} stroke="{MODEL_MARK_COLOUR}">{DIAMOND}</g>'
         drawn += f'<g {at}><text x="8" y="-8">{number}</text></g>'
-    box = f'viewBox="0 0 {width} {height}"'
-    return f'<div class="pv-model"><svg {box} {on_press("mark model")} data-turns="turn model">{drawn}</svg></div>'
+    box = f'viewBox="0 0 {width} {height}" data-turns="turn model"'
+    return f'<div class="pv-model"><svg {box} {on_press("mark model")}>{drawn}</svg></div>'
 
 
 def _rectangle(rectangle: Rectangle | None, colour: str) -> str:
