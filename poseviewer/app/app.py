@@ -161,8 +161,9 @@ class App:
             return
         if on_taken == "leave":
             return
-        path = self._autosaver.save(self.session, on_taken == "beside")
-        self._page.tell(f"Saved {path.name}", str(path))
+        path, *wheels = self._autosaver.save(self.session, on_taken == "beside")
+        beside = (f"The model's wheels, marked by hand: {file}" for file in wheels)
+        self._page.tell(f"Saved {path.name}", str(path), *beside)
         self._edit(set_fields(saved=self.session.document))
 
     def _work(self) -> None:

@@ -46,6 +46,13 @@ def save_keypoints(mesh_path: str | Path, keypoints: VehicleKeypoints, unit: str
     write_json(keypoints_path(mesh_path), data, MeshFileError)
 
 
+def is_equal(one: VehicleKeypoints, other: VehicleKeypoints) -> bool:
+    """Tell whether two models have the same key points, to what files keep."""
+    sides = ((one.left, other.left), (one.right, other.right))
+    pairs = ((getattr(a, name), getattr(b, name)) for a, b in sides for name in NAMES)
+    return all(np.allclose(a, b, rtol=1e-9, atol=0.0) for a, b in pairs)
+
+
 def _side(file: InputFile, data: dict[str, Any], key: str) -> SideKeypoints:
     side = file.object(data.get(key), key)
     points = [file.flat_numbers(side.get(name), f"{key}.{name}", 3) for name in NAMES]

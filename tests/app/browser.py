@@ -203,11 +203,17 @@ class AppPage:
                 return
         raise AssertionError(f"the browser hands no drop of {paths} to the page")
 
-    def _drop(self, paths: Sequence[str]) -> None:
+    def hold_files(self, paths: Sequence[Path], *kinds: str) -> None:
+        """Drag files over the page by events of these kinds, without a drop."""
+        self._drop([str(path) for path in paths], kinds)
+
+    def _drop(
+        self, paths: Sequence[str], kinds: Sequence[str] = ("dragEnter", "dragOver", "drop")
+    ) -> None:
         session = self.page.context.new_cdp_session(self.page)
         left, top, width, height = self.view()["box"]
         data = {"items": [], "files": paths, "dragOperationsMask": 1}
-        for kind in ("dragEnter", "dragOver", "drop"):
+        for kind in kinds:
             session.send(
                 "Input.dispatchDragEvent",
                 {"type": kind, "x": left + width / 2, "y": top + height / 2, "data": data},

@@ -55,6 +55,11 @@ RIGHT_END = """Math.max(...[...document.querySelectorAll("button, input, .uplot"
     .filter((node) => node.checkVisibility()).map((node) => node.getBoundingClientRect().right)
     .filter((right) => right < 300))"""
 """Right border of what lies farthest right in the left panel."""
+LABELS_OF = """(values) => {
+    const [{ chart }] = Object.values(window.__viserTestpoints.uplots);
+    return chart.axes[1].values(chart, values);
+}"""
+"""Labels of values on the plot's axis."""
 SQUEEZED = """() => [...document.querySelectorAll("label, input, button")]
     .filter((node) => !["normal", "0px"].includes(getComputedStyle(node).letterSpacing))
     .map((node) => node.textContent || node.value)"""
@@ -153,6 +158,9 @@ def test_no_label_is_squeezed_and_the_plots_last_number_is_whole(page: AppPage) 
     page.page.get_by_label("Loss", exact=True).wait_for()  # its step opens
     page.page.wait_for_function("Object.keys(window.__viserTestpoints?.uplots ?? {}).length")
     page.page.wait_for_function(f"({LAST_LABEL})() < 0")
+    labels = page.page.evaluate(LABELS_OF, [0.239, 0.2395, 0.24, 0.2405])
+    assert labels == ["0.2390", "0.2395", "0.2400", "0.2405"]
+    assert page.page.evaluate(LABELS_OF, [0.2, 0.4, 0.6000000001]) == ["0.2", "0.4", "0.6"]
     page.page.keyboard.press("Space")
     for step in range(1, 6):
         page.open_step(step)

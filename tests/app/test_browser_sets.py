@@ -13,6 +13,8 @@ from tests.scene import Scene, make_scene
 from tests.textured import write_gltf, write_obj
 
 pytestmark = pytest.mark.slow
+TARGET = "getComputedStyle(document.body, '::after').content"
+"""What the page shows over itself while files are dragged over it."""
 
 
 @pytest.fixture(scope="module")
@@ -72,6 +74,25 @@ def test_a_folder_is_its_files(page: AppPage, scene: Scene, tmp_path: Path):
     page.page.locator("input[type=file][accept=folder]").evaluate("e => (e.webkitdirectory = true)")
     page.page.locator("input[type=file][accept=folder]").set_input_files(folder)
     assert_textured(page, "quad.obj")
+    back_to_the_scene(page)
+
+
+def test_a_missing_texture_is_asked_for_and_taken_when_it_comes(
+    page: AppPage, scene: Scene, tmp_path: Path
+):
+    write_obj(tmp_path, "oak.png")
+    page.drop_files(sorted(tmp_path.iterdir()))
+    page.wait_for_text("Texture left out: oak.png is not there; drop it here.")
+    picture = tmp_path / "oak.png"
+    shutil.copy(scene.photo, picture)
+    page.page.evaluate(f"addEventListener('dragover', () => (window.target = {TARGET}), true)")
+    page.hold_files([picture], "dragEnter", "dragOver")
+    page.page.wait_for_function("window.target?.includes('Drop a photo, a model')")
+    page.page.wait_for_function(f"{TARGET} === 'none'")  # the drag has gone
+    page.drop_files([picture])
+    assert_textured(page, "quad.obj")
+    assert page.page.evaluate(TARGET) == "none"
+    page.page.keyboard.press("z")
     back_to_the_scene(page)
 
 

@@ -24,6 +24,8 @@ const state = {
   size: [0, 0],
   large: -1, // index of the large photo in the strip
   pointer: null, // "drag", "draw" or "pan" while a button is down
+  target: 0, // timer that ends showing the page as a drop target
+  turn: null, // press on what a drag turns: {message, box, at, kind, moved}
   anchor: [0, 0], // point of the photo, px, that follows the pointer in a pan
   sequence: Date.now(), // makes reports differ: viser drops repeated ones, also of earlier pages
   sent: "", // name of the last upload
@@ -405,11 +407,21 @@ async function filesOf(entry, files) {
   }
 }
 
-// Files dropped anywhere go to the button for folders; else the browser would open them.
+// Files dropped anywhere go to the button for folders; else the browser would open them. While they
+// are dragged over the page, it shows itself as their target.
+const TARGET_MS = 1000; // browsers tell of a drag over the page at least each half second
+function showTarget(on) {
+  document.documentElement.classList.toggle("pv-target", on);
+  clearTimeout(state.target);
+  if (on) state.target = setTimeout(() => showTarget(false), TARGET_MS);
+}
 addEventListener("dragover", (event) => {
-  if (event.dataTransfer?.types.includes("Files")) event.preventDefault();
+  if (!event.dataTransfer?.types.includes("Files")) return;
+  event.preventDefault();
+  showTarget(true);
 }, true);
 addEventListener("drop", async (event) => {
+  showTarget(false);
   const input = document.querySelector("input[type=file][accept=folder]");
   const dropped = event.dataTransfer;
   if (!dropped?.types.includes("Files") || !input) return;
@@ -455,15 +467,33 @@ function openStep(step) {
   return isOpen(step);
 }
 
+const CLICK = 4; // CSS px that a press may move before it turns what it is on
 // Presses, also by Enter, on elements with a report: sent with the point, in shares of the
-// element's sides from its lower left corner.
+// element's sides from its lower left corner. What is dragged with data-turns turns instead.
 function report(event) {
   const node = event.target.closest?.("[data-report]");
   if (!node || (event.type === "keydown" && event.key !== "Enter")) return;
   const box = node.getBoundingClientRect();
   const u = (event.clientX - box.left) / box.width;
-  send({ ...JSON.parse(node.dataset.report), u, v: (box.bottom - event.clientY) / box.height });
+  const message = { ...JSON.parse(node.dataset.report), u,
+    v: (box.bottom - event.clientY) / box.height };
+  const [at, kind] = [[event.clientX, event.clientY], node.dataset.turns];
+  if (kind && event.type === "pointerdown") state.turn = { message, box, at, kind, moved: false };
+  else send(message);
 }
+addEventListener("pointermove", (event) => {
+  const turn = state.turn;
+  if (!turn) return;
+  const [right, down] = [event.clientX - turn.at[0], event.clientY - turn.at[1]];
+  if (!turn.moved && Math.hypot(right, down) < CLICK) return;
+  Object.assign(turn, { moved: true, at: [event.clientX, event.clientY] });
+  send({ kind: turn.kind, right: right / turn.box.width, down: down / turn.box.height });
+});
+addEventListener("pointerup", () => {
+  if (state.turn && !state.turn.moved) send(state.turn.message);
+  state.turn = null;
+});
+addEventListener("pointercancel", () => { state.turn = null; });
 addEventListener("pointerdown", report);
 addEventListener("keydown", report);
 
@@ -472,6 +502,25 @@ addEventListener("pointerover", (event) => {
   const path = event.target.closest?.(".pv-starts button")?.querySelector("path");
   hovered.setAttribute("d", path?.getAttribute("d") ?? "");
 });
+
+// The labels of a plot's values have as many digits as tell them apart; uPlot has three at most.
+function valueLabels(chart, splits) {
+  const gap = Math.min(...splits.slice(1).map((value, i) => value - splits[i]));
+  const isExact = (digits) =>
+    splits.every((value) => Math.abs(Number(value.toFixed(digits)) - value) < 0.01 * gap);
+  let digits = 0;
+  while (digits < 9 && splits.length > 1 && !isExact(digits)) digits += 1;
+  return splits.map((value) => (splits.length > 1 ? value.toFixed(digits) : String(value)));
+}
+
+function labelPlots() {
+  for (const { chart } of Object.values(window.__viserTestpoints?.uplots ?? {})) {
+    const axis = chart.axes[1];
+    if (axis.values === valueLabels) continue;
+    axis.values = valueLabels;
+    chart.redraw(false, true);
+  }
+}
 
 // Texts are copied through a field: a page without TLS has no other clipboard.
 addEventListener("click", (event) => {
@@ -538,6 +587,7 @@ function watch() {
     const isAsWas = clientWidth === state.size[0] && clientHeight === state.size[1];
     if (!viewer.camera.view?.enabled || !isAsWas) applyView();
     drawSheet();
+    labelPlots();
     viewer.canvas.style.cursor = pen.shape ? "crosshair" : "";
     if (!state.step || tabOf(state.step)) state.frames += 1;
     if (state.frames === LAYOUT_FRAMES) document.documentElement.classList.add("pv-ready");

@@ -6,11 +6,10 @@ from poseviewer.app.page.controls import Controls, on_press, percent, plain
 from poseviewer.app.state.document import label_of, verdict_of
 from poseviewer.app.state.session import Session
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.render.overlay.styles import LINE_COLOUR
 from poseviewer.scene.types import SceneObject
 
-COLOURS = "ffa640", "a8f060", "ff80c8", "b096ff", "ffe260", "ff6860", "60a8ff", "70f0b8"
-"""RGB (hexadecimal) of the outlines of objects that are not picked, by their numbers."""
+COLOURS = "00e8ff", "ffa640", "a8f060", "ff80c8", "b096ff", "ffe260", "ff6860", "60a8ff"
+"""RGB (hexadecimal) of the objects' outlines by their ids."""
 ICONS = {
     "eye": '<path d="M1 8s2.6-4.5 7-4.5S15 8 15 8s-2.6 4.5-7 4.5S1 8 1 8z"/><circle cx="8" cy="8" '
     'r="2"/>',
@@ -22,7 +21,7 @@ ICONS = {
 
 
 def object_colour(number: int) -> tuple[int, int, int]:
-    """RGB of an object's outline while it is not picked."""
+    """RGB of an object's outline, picked or not."""
     red, green, blue = bytes.fromhex(COLOURS[(number - 1) % len(COLOURS)])
     return red, green, blue
 
@@ -38,7 +37,7 @@ def objects_list(session: Session) -> str:
 
 def _row(item: SceneObject, is_picked: bool) -> str:
     name, number = escape(label_of(item)), int(item.id)
-    colour = LINE_COLOUR if is_picked else object_colour(number)
+    colour = object_colour(number)
     at, pick = " class=pv-at" if is_picked else "", on_press("pick object", object_id=number)
     hide, lock = ("show" if item.hidden else "hide"), ("unlock" if item.locked else "lock")
     hiding, locking = (

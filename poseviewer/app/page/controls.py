@@ -49,6 +49,7 @@ ON_PAGE = (
     (r"; poseviewer info --calibration --help lists the keys", ""),
     (r"name their folder with --photo-folder.*?--photos", "drop the photos with it"),
     (r"fit one photo without --views", "open the photo alone"),
+    (r"((?:Texture|Material file) left out: [^\n]*? is not there)\.", r"\1; drop it here."),
     (r"[,;]? or (?:[^,;.]* )?--[a-z][^;.]*", ""),
     (r"(?<![\w-])--([a-z]+(?:-[a-z]+)*)(?: [A-Zx]{3,}\b)?", r'"\1"'),
     (r"(?<=\d)%(?=[ ,;:)]|\.?$|\. )", " %"),

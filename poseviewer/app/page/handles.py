@@ -82,7 +82,8 @@ def _marks(session: Session) -> Iterator[str]:
             for ellipse in marks.ellipses:
                 rim = ellipse.outline()
                 yield _lines(np.stack([rim, np.roll(rim, -1, axis=0)], axis=1), MARK_COLOUR)
-        model = pose.project(np.array(marks.hubs).reshape(-1, 3))
+        hubs = () if session.document.model.keypoints is not None else marks.hubs
+        model = pose.project(np.array(hubs).reshape(-1, 3))
     else:
         model = pose.project(np.array(marks.points).reshape(-1, 3))
         if not session.document.object.is_placed:
@@ -107,8 +108,10 @@ def _measurement(session: Session) -> Iterator[str]:
 
 
 def model_html(session: Session) -> str:
-    """The model alone with the points that are marked on it (HTML); a press marks one."""
-    if session.results.alone is None or not session.marks_model:
+    """The model alone with the points that are marked on it (HTML): a press marks one, a drag
+    turns it.
+    """
+    if session.results.alone is None or session.tool not in MARKING:
         return ""
     (pose, pixels), marks = session.results.alone, session.document.marks
     height, width = pixels.shape[:2]
@@ -118,7 +121,7 @@ def model_html(session: Session) -> str:
         at = f'transform="translate({x:.1f} {y:.1f})"'
         drawn += f'<g {at} stroke="{MODEL_MARK_COLOUR}">{DIAMOND}</g>'
         drawn += f'<g {at}><text x="8" y="-8">{number}</text></g>'
-    box = f'viewBox="0 0 {width} {height}"'
+    box = f'viewBox="0 0 {width} {height}" data-turns="turn model"'
     return f'<div class="pv-model"><svg {box} {on_press("mark model")}>{drawn}</svg></div>'
 
 

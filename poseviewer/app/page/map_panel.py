@@ -138,10 +138,11 @@ class LossGrid:
     def _markers(self, piece: Slice) -> str:
         """Trail, candidates, the map's own minimum and the pose, the last on top of the others."""
         drawn = ""
-        if self.trail is not None and len(self.trail) > 1:
-            count = len(self.trail)
+        end = None if self.trail is None else _end_on_maps(self.slices, self.trail)
+        if end is not None and len(end) > 1:
+            count = len(end)
             kept = np.linspace(0, count - 1, min(count, MAX_TRAIL)).round().astype(int)
-            points = _points(piece, self.trail[kept])
+            points = _points(piece, end[kept])
             drawn += f'<polyline points="{points}"/><polyline class="pv-trail" points="{points}"/>'
         if self.candidates is not None and len(self.candidates):
             places = _on_picture(piece, self.candidates)
@@ -203,6 +204,15 @@ def on_map(piece: Slice, parameters: FloatArray) -> FloatArray:
     return np.stack([u, v], axis=-1)
 
 
+def _end_on_maps(slices: Sequence[Slice], trail: FloatArray) -> FloatArray:
+    """(t, d): the end of a trail (n, d) from where it last came onto all maps: what lies before
+    would run across them.
+    """
+    shares = np.concatenate([on_map(piece, trail) for piece in slices], axis=-1)
+    beside = np.flatnonzero(np.any(np.abs(shares - 0.5) > 0.5, axis=-1))
+    return trail[beside[-1] :] if len(beside) else trail
+
+
 def _png_url(piece: Slice) -> str:
     """URL of an 8-bit palette PNG of a map, the last row at the top, over the known losses."""
     known = piece.losses[np.isfinite(piece.losses)]
@@ -232,7 +242,7 @@ MAPPED: dict[MappedLoss, str] = {"chosen": "selected loss", **LOSSES, "both": "b
 def add_maps(controls: Controls) -> None:
     """The panel: the pose in numbers, the maps, or why there are none, and what they show."""
     gui = controls.gui
-    alone = lambda s: (s.results.alone, s.marks_model, s.document.marks)  # noqa: E731
+    alone = lambda s: (s.results.alone, s.tool, s.document.marks)  # noqa: E731
     controls.html(memoize(alone, model_html))
     controls.html(measurement_html)
     controls.html(result_html)

@@ -22,6 +22,7 @@ from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.edits import SavePose
 from poseviewer.app.state.hiding import SHAPES
 from poseviewer.app.state.keys_and_buttons import client_keys, help_table
+from poseviewer.app.state.marking import MARKING
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.tasks import Restore, TaskResult
 from poseviewer.files.file_set import MAX_FILES
@@ -115,8 +116,10 @@ class Page:
             self._controls.show(session)
         self._maps.show(session)
         # The photo has its place until there is something to tell; a drag's photo rests.
-        is_open = session.marks_model or any(o.is_placed for o in session.document.scene.objects)
-        if is_open is not self._is_open and session.drag is None:
+        # A tool's next press must not land beside its place: panels rest while one is active.
+        marks, rests = session.tool in MARKING, session.drag is not None or session.tool != "pose"
+        is_open = marks or any(o.is_placed for o in session.document.scene.objects)
+        if is_open is not self._is_open and (marks or not rests):
             self._is_open = is_open
             (self._map_panel.expand if is_open else self._map_panel.minimize)()
 

@@ -175,6 +175,8 @@ def _add_ways(controls: Controls) -> None:
     again = {"visible": lambda s: is_for_wheels(s) and _has_region(s)}
     controls.action("region", label=lambda _: "Draw another region", **again)
     controls.text(marks_text)
+    has_wheels = lambda s: s.tool == "wheels" and s.document.model.keypoints is not None  # noqa: E731
+    controls.action("remark", visible=has_wheels)
     for name in ("unmark", "clear", "done"):
         controls.action(name, visible=lambda s: s.tool in MARKING)
     controls.html(lambda s: WAITING if s.is_proposing else "")

@@ -23,7 +23,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import size_at_scale
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.render.overlay.styles import HALO_COLOUR, LINE_COLOUR
+from poseviewer.render.overlay.styles import HALO_COLOUR
 from poseviewer.render.structure import bounding_slices
 
 Colour = tuple[int, int, int]
@@ -45,8 +45,6 @@ EDGES = 0.9975
 HALO = 0.997
 OUTLINE = 0.996
 """Depths of the layers over the photo, from ``PICTURE`` on, as fractions of ``DEPTH``."""
-EDGE_COLOUR = (0, 135, 152)
-"""RGB of the edges inside the model, fainter than its outline."""
 HIDDEN_COLOUR = 255, 64, 64
 """RGB of the tint over painted pixels."""
 FOUND_COLOUR = 170, 90, 255
@@ -70,7 +68,7 @@ class Drawing:
     """(n, 2, 2): line segments, px of the photo; or a picture's pixels (h, w, 3 or 4)."""
     rectangle: Rectangle | None = None
     """Part of the photo that a picture covers; None for lines."""
-    colour: Colour = LINE_COLOUR
+    colour: Colour = HALO_COLOUR
     thickness: float = 2.0
     """Width of lines, px of the screen."""
 
@@ -128,6 +126,8 @@ class PhotoScene:
                     self._shown[name] = content
                     if shown is None or drawing.rectangle or not np.array_equal(shown, content):
                         _draw(self._nodes[name], drawing, photo)
+                if drawing.rectangle is None:
+                    self._nodes[name].colors = np.array(drawing.colour, np.uint8)
                 set_properties(self._nodes[name], visible=len(content) > 0)
         if self._shown.get(OUTLINE_NAME) is not outline:
             # viser gathers messages for a while before it sends them; a drag must not wait.
@@ -215,9 +215,11 @@ def _model(session: Session) -> Iterator[Drawing]:
         return
     if not overlay.request.document.object.is_placed:
         return  # it was drawn where the model was put first
+    red, green, blue = colour = object_colour(overlay.request.document.object_id)
+    faint = red * 7 // 12, green * 7 // 12, blue * 7 // 12  # than the outline
     yield Drawing("/model/halo", HALO, overlay.outline, None, HALO_COLOUR, 4.6)
-    yield Drawing("/model/edges", EDGES, overlay.edges, None, EDGE_COLOUR, 1.0)
-    yield Drawing(OUTLINE_NAME, OUTLINE, overlay.outline)
+    yield Drawing("/model/edges", EDGES, overlay.edges, None, faint, 1.0)
+    yield Drawing(OUTLINE_NAME, OUTLINE, overlay.outline, None, colour)
     if overlay.picture is not None:
         photo = session.document.photo
         part = Rectangle(0.0, 0.0, photo.width, photo.height)

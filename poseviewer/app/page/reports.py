@@ -15,7 +15,7 @@ from poseviewer.app.state.display_edits import enlarge_map
 from poseviewer.app.state.edits import Edit, Px, ReviewRow, SavePose, ShowHelp
 from poseviewer.app.state.hiding import Shape, Stroke, bring_back, paint
 from poseviewer.app.state.keys_and_buttons import KEYS
-from poseviewer.app.state.marking import mark_model
+from poseviewer.app.state.marking import mark_model, turn_model
 from poseviewer.app.state.pointer_edits import cancel_drag, double_press, drag_to, press, release
 from poseviewer.app.state.pose_edits import nudge, pick_in_landscape
 from poseviewer.app.state.proposal_edits import take_start
@@ -80,6 +80,7 @@ MEANINGS: Mapping[str, Callable[..., Meaning]] = {
     "alter object": _object,
     "part": bring_back,
     "mark model": mark_model,
+    "turn model": turn_model,
     "start": take_start,
     "photo": o.show_view,
     "compare photo": o.compare_view,

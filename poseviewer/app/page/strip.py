@@ -116,8 +116,7 @@ def _outlines(session: Session, index: int) -> str:
     if is_hidden or outlines is None or index >= len(outlines.small):
         return ""
     for number, lines in outlines.small[index].items():
-        colour = LINE_COLOUR if number == session.document.object_id else object_colour(number)
-        drawn += _outline(path_of(UNITS * lines), colour)
+        drawn += _outline(path_of(UNITS * lines), object_colour(number))
     return drawn
 
 

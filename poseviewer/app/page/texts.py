@@ -110,7 +110,7 @@ def hint_of(session: Session) -> str:
     match session.tool:
         case "wheels" if session.document.model.keypoints is None:
             name = "front" if marks.hubs else "rear"
-            what = f"press the middle of the {name} wheel on the model at the right"
+            what = f"press the middle of the {name} wheel on the model at the right, drag turns it"
         case "wheels":
             wheel, point = divmod(len(marks.rims), MIN_RIM_POINTS)
             if wheel == WHEELS:

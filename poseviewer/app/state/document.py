@@ -49,7 +49,7 @@ class Marks:
     rims: tuple[FloatArray, ...] = ()
     """Points (2,), px, on wheels' rims: five on the rear one, then five on the front one."""
     hubs: tuple[FloatArray, ...] = ()
-    """The rear wheel's point (3,) on the model, until the front wheel's is pressed."""
+    """Points (3,) on the model of the rear and then the front wheel, as far as they are pressed."""
     note: str = ""
     """Sentence: why no pose follows from the marks; "": one does, or too few are set."""
 

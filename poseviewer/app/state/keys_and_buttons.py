@@ -8,7 +8,7 @@ from poseviewer.app.state.display_edits import show_style, toggle_model
 from poseviewer.app.state.document_edits import redo, undo
 from poseviewer.app.state.edits import Edit, ReviewRow, SavePose, ShowHelp
 from poseviewer.app.state.hiding import hide_found, toggle_hiding, unhide
-from poseviewer.app.state.marking import clear_marks, remove_mark
+from poseviewer.app.state.marking import clear_marks, remark_wheels, remove_mark
 from poseviewer.app.state.objects import add_object
 from poseviewer.app.state.pointer_edits import cancel_drag, set_tool, toggle_measuring
 from poseviewer.app.state.pose_edits import NudgeKind, make_start, nudge, reset_to_start
@@ -46,6 +46,7 @@ COMPARE = "Search from the start by one loss, then by the other, and set the end
 MEASURE = "Measure points of models, and the distance of two"
 REGION = "Compare what lies in a rectangle alone"
 DRAWING = "Drag on the photo ..."
+REMARK = "Press the middle of the model's wheels again"
 END = "Let go, leave a tool, stop what is looked for or read"
 
 
@@ -101,6 +102,7 @@ ACTIONS: Mapping[str, Action] = {
     "wheels": Action(set_tool("wheels"), "Place", "Wheels", "Click points of a car's two rims"),
     "unmark": Action(remove_mark(), "Place", "Remove last mark", "Take the last mark away"),
     "clear": Action(clear_marks(), "Place", "Clear marks", "Take all marks away; the pose stays"),
+    "remark": Action(remark_wheels(), "Place", "Mark the model's wheels anew", REMARK),
     "done": Action(set_tool("pose"), "Place", "Done (Esc)", "Drags move the model again"),
     "search": Action(toggle_search(), "Fit", "Search", SEARCH, "space", "Stop", "forward"),
     "search all": Action(search_all(), "Fit", "Search all", "Search for all objects in turn"),

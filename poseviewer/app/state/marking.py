@@ -1,12 +1,14 @@
 """Marks for quick starts: edits that set, move and remove them and solve for the pose."""
 
+from dataclasses import replace
 from itertools import chain
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from poseviewer.app.state.document import UNLOCK, WHEELS, Document, Marks, label_of
 from poseviewer.app.state.dragging import Drag, nearest_point
-from poseviewer.app.state.edits import edit
+from poseviewer.app.state.edits import drag_edit, edit
 from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError
 from poseviewer.geometry.arrays import FloatArray
@@ -21,12 +23,15 @@ from poseviewer.starts.point_pairs import (
     poses_from_pairs,
 )
 from poseviewer.starts.wheels import FoundWheels
-from poseviewer.vehicle.vehicle_keypoints import keypoints_from_side
+from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints, keypoints_from_side
 from poseviewer.vehicle.wheel_pose import MIN_RIM_POINTS, Wheels, poses_from_wheels
 
 MARKING = {"pairs": ("pixels", "points"), "wheels": ("rims",)}
 """Fields of ``Marks`` that each tool sets; the first holds pixels."""
 MAX_PAIRS = 24
+SAME_WHEEL = 0.2
+"""Distance below which a press marks the rear wheel anew, of the model's diameter: wheelbases are
+longer."""
 
 
 def marks_in_photo(marks: Marks, tool: str) -> FloatArray:
@@ -61,8 +66,13 @@ def mark_model(session: Session, u: float, v: float) -> Session:
     """Mark a point of the model at shares (u, v) of its picture, from the lower left corner; a
     point that still needs its pixel is replaced.
     """
-    if session.results.alone is None or not session.marks_model:
+    if session.results.alone is None or session.tool not in MARKING:
         return session
+    if not session.marks_model:
+        raise QuickStartError(
+            "Both wheels of the model are marked: click their rims on the photo, or press Mark the "
+            "model's wheels anew."
+        )
     document, (pose, _) = session.document, session.results.alone
     point = np.array([u * pose.camera.width, (1.0 - v) * pose.camera.height])
     if document.marks.waits_for_pixel:
@@ -99,15 +109,38 @@ def _with_model_point(document: Document, tool: str, point: FloatArray, pose: Po
 
 def _with_hub(document: Document, hub: FloatArray) -> Document:
     """Document with the rear wheel's hub (3,), or with key points once the front one is there."""
-    mesh, hubs = document.mesh, document.marks.hubs
-    if not hubs:
+    mesh, hubs = document.mesh, document.marks.hubs[:1]
+    if not hubs or np.linalg.norm(hub - hubs[0]) < SAME_WHEEL * mesh.diameter:
         return document.with_marks(hubs=(hub,))
     try:
         keypoints = keypoints_from_side(mesh.whole, hubs[0], hub)
     except ValueError as error:
         raise QuickStartError(f"These are no two wheels of one side: {error}.") from error
+    return _with_keypoints(document, keypoints, (*hubs, hub))
+
+
+def _with_keypoints(
+    document: Document, keypoints: VehicleKeypoints | None, hubs: tuple[FloatArray, ...]
+) -> Document:
     model = document.model.with_content(keypoints=keypoints)
-    return document.with_object(model=model, result=None).with_marks(hubs=())
+    return document.with_object(model=model, result=None).with_marks(hubs=hubs, note="")
+
+
+@edit
+def remark_wheels(session: Session) -> Session:
+    """Forget the wheels of the model, to mark them anew."""
+    return replace(
+        session.with_document(_with_keypoints(session.document, None, ())), tool="wheels"
+    )
+
+
+@drag_edit
+def turn_model(session: Session, right: float, down: float) -> Session:
+    """Turn the picture of the model; ``right`` and ``down`` are shares of its sides."""
+    turn = Rotation.from_rotvec(np.pi * np.array([-down, right, 0.0]))
+    turned = turn * Rotation.from_rotvec(session.display.model_turn)
+    x, y, z = turned.as_rotvec().tolist()
+    return replace(session, display=replace(session.display, model_turn=(x, y, z)))
 
 
 @edit
@@ -118,6 +151,8 @@ def remove_mark(session: Session, index: int | None = None) -> Session:
     if tool == "pairs" and index is None and marks.waits_for_pixel:
         return session.with_document(document.with_marks(points=marks.points[:-1]))
     lists = {name: list(getattr(marks, name)) for name in MARKING.get(tool, ())}
+    if tool == "wheels" and index is None and marks.hubs and not marks.rims:
+        return session.with_document(_with_keypoints(document, None, marks.hubs[:-1]))
     if not any(lists.values()):
         return session
     for values in lists.values():
@@ -129,11 +164,12 @@ def remove_mark(session: Session, index: int | None = None) -> Session:
 @edit
 def clear_marks(session: Session) -> Session:
     """Remove all marks of the tool; the pose stays."""
-    names = MARKING.get(session.tool, ())
-    if not any(getattr(session.document.marks, name) for name in names):
+    names, document = MARKING.get(session.tool, ()), session.document
+    hubs = document.marks.hubs if session.tool == "wheels" else ()
+    if not hubs and not any(getattr(document.marks, name) for name in names):
         return session
-    cleared = session.document.with_marks(**dict.fromkeys(names, ()), note="")
-    return session.with_document(cleared)
+    document = _with_keypoints(document, None, ()) if hubs else document
+    return session.with_document(document.with_marks(**dict.fromkeys(names, ()), note=""))
 
 
 @edit

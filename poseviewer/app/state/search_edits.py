@@ -6,6 +6,7 @@ from dataclasses import replace
 from poseviewer.app.state.document import UNLOCK, Document, is_shown, label_of
 from poseviewer.app.state.document_edits import undo
 from poseviewer.app.state.edits import drag_edit, edit
+from poseviewer.app.state.marking import MARKING
 from poseviewer.app.state.results import Preparation
 from poseviewer.app.state.searches import LossComparison, SearchRequest
 from poseviewer.app.state.session import Session, is_in_sight
@@ -174,7 +175,8 @@ def with_search(
     session: Session, request: SearchRequest, progress: SearchProgress | None = None
 ) -> Session:
     """The session with a search, which has the ``progress`` or is about to begin."""
-    anchor = request.start.scene
+    anchor, is_marking = request.start.scene, session.tool in MARKING
+    session = replace(session, tool="pose") if is_marking else session
     return replace(session, search=request, search_progress=progress, anchor=anchor)
 
 

@@ -55,6 +55,8 @@ class Display:
     """Pair of parameters whose map is shown large."""
     mapped_loss: MappedLoss = "chosen"
     """Loss that is mapped: that of the settings, one by its name, or both."""
+    model_turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Rotation vector, in camera axes, of the model's picture beside the photo, from its pose."""
     relative_to: str = ""
     """Label of the object in whose frame the active one's pose is also shown; "": none."""
 

@@ -16,7 +16,8 @@ from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import pose_file_view, scene_to_save, stem_of
 from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import PoseViewerError
-from poseviewer.files.keypoints import load_keypoints, save_keypoints
+from poseviewer.files.demo import PLACES
+from poseviewer.files.keypoints import is_equal, keypoints_path, load_keypoints, save_keypoints
 from poseviewer.files.masks import mask_path, save_pose_and_mask
 from poseviewer.files.scene_json import as_saved, pose_json, save_scene
 from poseviewer.files.state.autosave import (
@@ -105,9 +106,12 @@ class Autosaver:
         is_own = self._written.get(path) == _fingerprint(path, document)
         return None if is_own or not any(_times_on_disk(path)) else path
 
-    def save(self, session: Session, beside: bool = False) -> Path:
+    def save(self, session: Session, beside: bool = False) -> tuple[Path, ...]:
         """Write the pose file with its mask, or else the scene with copies of uploads. A file that
         is replaced becomes a ``.bak`` file; ``beside`` takes a free name instead.
+
+        Returns:
+            The pose or scene file, and the files of key points that were written.
 
         Raises:
             PoseViewerError: the folder cannot be written to, or photo or models are no files.
@@ -130,10 +134,22 @@ class Autosaver:
             for file in replaced:
                 file.with_suffix(f"{file.suffix}.bak").replace(file)
             raise
-        for item in scene.objects:
-            _save_keypoints(item.model)
         self._written[path] = _fingerprint(path, document)
-        return path
+        models = {item.model.path: item.model for item in scene.objects}
+        return (path, *filter(None, map(self._save_keypoints, models.values())))
+
+    def _save_keypoints(self, model: ModelFile) -> Path | None:
+        """Write key points that differ from those of the model's files; None: none was written."""
+        path, keypoints = model.path, model.keypoints
+        if path is None or keypoints is None:
+            return None
+        file, known = keypoints_path(path), load_keypoints(path, model.mesh)
+        if known is not None and (path.parent in PLACES or is_equal(known, keypoints)):
+            return None
+        if file.exists():
+            file.replace(file.with_suffix(".json.bak"))
+        save_keypoints(path, keypoints, model.unit)
+        return file
 
     def _path(self, document: Document) -> Path:
         usual = self._usual_path(document)
@@ -158,14 +174,6 @@ class Autosaver:
         if self._offered is not None:
             discard(self._offered)
             self._offered = None
-
-
-def _save_keypoints(model: ModelFile) -> None:
-    """Write a model's key points beside it, unless its files have some."""
-    path, keypoints = model.path, model.keypoints
-    if path is None or keypoints is None or load_keypoints(path, model.mesh) is not None:
-        return
-    save_keypoints(path, keypoints, model.unit)
 
 
 def _times_on_disk(path: Path) -> list[int]:

@@ -11,7 +11,9 @@ import numpy as np
 
 from poseviewer.app.state.display_edits import show_results
 from poseviewer.app.state.document import Document, reference_view
+from poseviewer.app.state.dragging import rotate
 from poseviewer.app.state.edits import Edit
+from poseviewer.app.state.marking import MARKING
 from poseviewer.app.state.results import NO_LINES, LossReading, Overlay
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import for_one_thread
@@ -46,6 +48,8 @@ ALONE_MARGIN = 0.08
 """Share of that picture's sides left free."""
 ALONE_GROUND = (22, 24, 29)
 """RGB behind the model alone."""
+ModelPicture = tuple[Document, tuple[float, float, float]]
+"""Document, and rotation vector of its model from the pose."""
 _cached_pixels = lru_cache(maxsize=1)(Photo.as_rgb8)
 _cached_sketch = lru_cache(maxsize=1)(Sketch)
 
@@ -202,19 +206,22 @@ def refining(notify: Callable[[], None]) -> Worker[Session, Edit]:
     return job
 
 
-def picturing(notify: Callable[[], None]) -> Worker[Document, Edit]:
+def picturing(notify: Callable[[], None]) -> Worker[ModelPicture, Edit]:
     """Draw the model alone, for marking its points."""
     renderer = for_one_thread(lambda renderer: renderer)
 
-    def request_of(session: Session) -> Document | None:
-        is_wanted = session.marks_model and session.preparation is None and not session.is_moving
-        return session.document if is_wanted else None
+    def request_of(session: Session) -> ModelPicture | None:
+        is_wanted = session.tool in MARKING and session.preparation is None
+        turn = session.display.model_turn
+        return (session.document, turn) if is_wanted and not session.is_moving else None
 
-    def make(document: Document) -> Iterator[Edit]:
+    def make(request: ModelPicture) -> Iterator[Edit]:
+        document, turn = request
         photo, mesh = document.photo, document.mesh
         whole = Rectangle(0.0, 0.0, photo.width, photo.height)
         factor = min(1.0, ALONE_PX / max(photo.width, photo.height))
-        pose = fit_into_rectangle(document.pose, mesh, whole.expand(-ALONE_MARGIN)).rescale(factor)
+        pose = rotate(document.pose, mesh.centre, turn)
+        pose = fit_into_rectangle(pose, mesh, whole.expand(-ALONE_MARGIN)).rescale(factor)
         ground = np.full((pose.camera.height, pose.camera.width, 3), ALONE_GROUND, np.uint8)
         view = ModelInPhoto(ground, mesh, renderer(mesh), pose, opacity=1.0)
         yield show_results(document, alone=(pose, draw_style("solid", view)))

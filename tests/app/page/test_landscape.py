@@ -123,3 +123,18 @@ def test_every_map_shows_the_region_that_the_pose_is_sure_to():
         reached = np.einsum("ni,ij,nj->n", away, inverse, away)
         np.testing.assert_allclose(reached, region_reach(2) ** 2, rtol=0.05)
     assert "90 % region" in page.xpath("//div[@class='pv-key']")[0].text_content()
+
+
+def test_of_a_path_its_end_is_drawn_from_where_it_last_comes_onto_all_maps():
+    steps = np.array([0.0, 0.1, 0.5, -0.5, 0.4, 0.1, 0.0])  # maps reach to 0.2
+    slices, trail = make_slices(9), CENTRE + steps[:, None] * np.ones(6)
+    tree = html.fromstring(LossGrid(slices, NAMES, CENTRE, trail=trail).html())
+    drawn = tree.xpath("//polyline[@class='pv-trail']/@points")
+    assert len(drawn) == len(slices)
+    for piece, points in zip(slices, drawn, strict=True):
+        places = np.array([place.split(",") for place in points.split()], float)
+        wanted = 100.0 * on_map(piece, trail[4:])
+        wanted[:, 1] = 100.0 - wanted[:, 1]
+        np.testing.assert_allclose(places, wanted, atol=0.01)
+    beside = LossGrid(slices, NAMES, CENTRE, trail=trail[:4]).html()
+    assert "polyline" not in beside

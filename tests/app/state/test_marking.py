@@ -11,7 +11,9 @@ from poseviewer.app.state.marking import (
     lay_wheels,
     mark_model,
     pair_errors,
+    remark_wheels,
     remove_mark,
+    turn_model,
 )
 from poseviewer.app.state.session import Session
 from poseviewer.geometry.camera import Pose
@@ -145,7 +147,9 @@ def test_wheels_of_a_model_without_any_are_pressed_beside_the_photo(side):
     assert "rear wheel on the model" in hint_of(session)
     half = after(session, press_beside(seen.project(rear)))
     assert "front wheel on the model" in hint_of(half)
-    assert "one side" in refused(half, press_beside(seen.project(rear)))
+    beyond = look_from({"left": "right", "right": "left"}[side], CAR, wanted, PERSPECTIVE)
+    opposite = press_beside(beyond.project(2.0 * CAR.centre - rear))
+    assert "one side" in refused(drawn_beside(half, beyond), opposite)
     placed = after(half, press_beside(seen.project(front)))
     keypoints = placed.document.model.keypoints
     assert keypoints is not None
@@ -156,6 +160,45 @@ def test_wheels_of_a_model_without_any_are_pressed_beside_the_photo(side):
     assert "rim: point 1" in hint_of(placed)  # on the photo, as with any other vehicle
     assert placed.is_unsaved
     assert after(placed, c.undo()).document is half.document
+    # The picture stays where it is: a further press on it changes nothing and says why.
+    assert model_html(placed).count("<text") == 2
+    assert "are marked" in refused(placed, press_beside(seen.project(rear)))
+    assert after(placed, remove_mark()).document.model.keypoints is None
+    assert len(after(placed, remove_mark()).document.marks.hubs) == 1
+    assert after(placed, remove_mark(), remove_mark()).document.marks.hubs == ()
+
+
+@pytest.mark.parametrize("mend", [remove_mark(), clear_marks(), None])
+def test_a_wrong_wheel_on_the_model_is_taken_back(mend):
+    wanted = make_keypoints()
+    seen = look_from("left", CAR, wanted, PERSPECTIVE)
+    session = drawn_beside(after(make_session(mesh=CAR), c.set_tool("wheels")), seen)
+    rear, front = wanted.left.rear_wheel, wanted.left.front_wheel
+    wrong = after(session, press_beside(seen.project(rear) + 3.0))
+    session = wrong if mend is None else after(wrong, mend)
+    assert len(session.document.marks.hubs) == (mend is None)
+    session = after(session, press_beside(seen.project(rear)), press_beside(seen.project(front)))
+    np.testing.assert_allclose(session.document.model.keypoints.left.rear_wheel, rear, atol=1e-6)
+    cleared = after(session, clear_marks()).document
+    assert (cleared.model.keypoints, cleared.marks.hubs) == (None, ())
+
+
+def test_wheels_of_the_model_are_marked_anew_and_a_search_ends_the_tool():
+    session = after(make_session(vehicle=True), remark_wheels())
+    assert session.tool == "wheels"
+    assert "rear wheel on the model" in hint_of(session)
+    assert after(session, c.undo()).document.model.keypoints is not None
+    assert after(session, c.start_search()).tool == "pose"
+    assert after(session, c.set_tool("brush"), c.start_search()).tool == "brush"
+
+
+def test_the_models_picture_is_turned_by_a_drag():
+    session = after(make_session(), c.set_tool("wheels"))
+    turned = after(session, turn_model(0.25, 0.0), turn_model(0.25, 0.0))
+    np.testing.assert_allclose(turned.display.model_turn, [0.0, np.pi / 2.0, 0.0], atol=1e-9)
+    back = after(turned, turn_model(-0.5, 0.0)).display.model_turn
+    np.testing.assert_allclose(back, 0.0, atol=1e-9)
+    assert turned.document is session.document
 
 
 @CAMERAS
