@@ -196,7 +196,7 @@ def is_focal_length_wanted(session: Session) -> bool:
     return is_right and session.is_unsaved and bool(focal_note(session))
 
 
-def assumed_condition(session: Session) -> str:
+def focal_condition(session: Session) -> str:
     """Condition of all deviations where the focal length is a guess: ``, and if 2,059 px is``."""
     camera = session.document.pose.camera
     if isinstance(camera, Parallel) or not focal_note(session):
@@ -301,7 +301,7 @@ def verdict_text(session: Session) -> str:
         by_axis = {name: value for name, value in deviations_of(session).items() if name in "XYZ"}
         words = "".join(f"{name} ±{short(value)} {unit}, " for name, value in by_axis.items())
         words = plain(words + covariance.words(unit, without=("depth", "sideways")))
-        condition = assumed_condition(session)
+        condition = focal_condition(session)
         sure = f"\n\n**How sure, if right{condition}:** {words} (standard deviations)."
     return f"**Verdict: {verdict.label}.** {verdict.share_right}.{sure}\n\n{reasons}"
 
