@@ -218,7 +218,7 @@ class Format:
                 found = f"{name} is {TURNED}, and the pose is one in the upright photo"
                 notes.append(f"{found}; save it upright for tools that do not turn it.")
             ready.append(view)
-        if (assumed := focal_assumption(scene)) and not self.is_own:
+        if (assumed := focal_guess_note(scene)) and not self.is_own:
             notes.append(assumed)
         written = self.write(replace(scene, views=tuple(ready)), out, options, notes)
         for path in () if self.appends else written:
@@ -235,7 +235,7 @@ class Format:
         return [*files, *written], notes
 
 
-def focal_assumption(scene: Scene) -> str:
+def focal_guess_note(scene: Scene) -> str:
     """The results' note on a focal length that had to be assumed; "": none was."""
     results = (item.result for item in scene.objects if item.result is not None)
     notes = (note for result in results for note in result.notes)

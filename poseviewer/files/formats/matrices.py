@@ -49,7 +49,7 @@ def write_opencv(scene: Scene, out: Path, *_: object) -> dict[Path, str]:
         found = f"OpenCV files end in {', '.join(OPENCV_ENDINGS)}"
         raise PoseFileError(f"{out.name}: {found}; name one so.")
     storage = cv2.FileStorage(f"m{ending}", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
-    if (note := c.focal_assumption(scene)) and ending != ".json":  # JSON has no comments
+    if (note := c.focal_guess_note(scene)) and ending != ".json":  # JSON has no comments
         storage.writeComment(note)
     storage.write("image_width", camera.width)
     storage.write("image_height", camera.height)

@@ -40,7 +40,7 @@ def write_colmap(scene: Scene, out: Path, *_: object) -> dict[Path, str]:
         said = f"{model} {camera.width} {camera.height} {numbers}"
         number = cameras.setdefault(said, len(cameras) + 1)
         images += f"{index} {place} {number} {path.name or 'photo'}\n\n"
-    note = c.focal_assumption(scene)
+    note = c.focal_guess_note(scene)
     lines = f"# {note}\n" if note else ""
     lines += "".join(f"{number} {said}\n" for said, number in cameras.items())
     texts = {"cameras.txt": lines, "images.txt": images, "points3D.txt": "# none\n"}
