@@ -128,7 +128,7 @@ def type_seven_digits(page: AppPage, running: RunningApp, field: Locator) -> str
         field.fill(text)
         field.press("Enter")
         with suppress(AssertionError):
-            page.until(lambda: app.session is not before and is_told(), SHORT_MS)
+            page.until(lambda before=before: app.session is not before and is_told(), SHORT_MS)
             break
     assert (float(field.input_value()), handle.value) == (float(text), float(text)), label
     return label
