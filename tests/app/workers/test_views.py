@@ -134,7 +134,7 @@ def test_objects_in_several_photos_come_back_from_scene_and_session(
     )
     changed = after(added, pick_object(1), compare_view(2, False), c.nudge("roll", 3.0))
     saver = Autosaver(tmp_path)
-    path = saver.save(changed)
+    (path,) = saver.save(changed)
     assert path.name == "b.scene.json"
     saver.close(changed)
     (kept,) = (tmp_path / "sessions").iterdir()
