@@ -233,7 +233,7 @@ MAPPED: dict[MappedLoss, str] = {"chosen": "selected loss", **LOSSES, "both": "b
 def add_maps(controls: Controls) -> None:
     """The panel: the pose in numbers, the maps, or why there are none, and what they show."""
     gui = controls.gui
-    alone = lambda s: (s.results.alone, s.tool, s.document.marks)  # noqa: E731
+    alone = lambda s: (s.results.alone, s.shows_model, s.document.marks)  # noqa: E731
     controls.html(memoize(alone, model_html))
     controls.html(measurement_html)
     controls.html(result_html)

@@ -66,7 +66,7 @@ def mark_model(session: Session, u: float, v: float) -> Session:
     """Mark a point of the model at shares (u, v) of its picture, from the lower left corner; a
     point that still needs its pixel is replaced.
     """
-    if session.results.alone is None or session.tool not in MARKING:
+    if session.results.alone is None or not session.shows_model:
         return session
     if not session.marks_model:
         raise QuickStartError(
