@@ -80,11 +80,11 @@ class Landscape:
 
     def covariance_in(self, session: Session) -> FloatArray | None:
         """(d, d): covariance of the session's pose in the problem's chart, if it is known."""
-        view, covariance = self.problem.views[0], None
+        view = self.problem.views[0]
         sure = session.covariance_in(view.view_index)
         with suppress(PoseViewerError, OutsideChartError):
-            covariance = None if sure is None else sure.in_chart(view.chart)
-        return covariance
+            return None if sure is None else sure.in_chart(view.chart)
+        return None
 
     def path_in(self, session: Session) -> FloatArray | None:
         """(n, d): path of the session's search; None: there is none in the problem's chart."""
@@ -100,8 +100,8 @@ class Landscape:
         """The slices as files hold them, with what the session knows of the search."""
         photo = self.document.scene.views[self.problem.views[0].view_index].photo
         maps = LossMaps.about(self.parameters, self.slices, self.half_width, self.problem, photo)
-        marks = self.covariance_in(session), self.path_in(session)
-        return replace(maps, covariance=marks[0], path=marks[1])
+        covariance, path = self.covariance_in(session), self.path_in(session)
+        return replace(maps, covariance=covariance, path=path)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
