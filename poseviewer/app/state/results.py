@@ -88,7 +88,8 @@ class Landscape:
 
     def path_in(self, session: Session) -> FloatArray | None:
         """(n, d): path of the session's search; None: there is none in the problem's chart."""
-        request, search, problem = session.search, session.own_progress, self.problem
+        request, search = session.search, session.own_progress
+        problem = self.problem
         if not (request and search and search.problem.chart.names == problem.chart.names):
             return None
         start = request.start
