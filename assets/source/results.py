@@ -46,6 +46,7 @@ from poseviewer.figures.map_archive import LossMaps
 from poseviewer.figures.study_sheet import Panel, make_study_sheet
 from poseviewer.figures.text_table import Table
 from poseviewer.files.table import load_rows
+from poseviewer.geometry.charts import short_name
 from tests.measure.real import DATA
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -168,7 +169,7 @@ def landscape_row(maps: Mapping[str, LossMaps], share: float) -> Figure:
         sheet.draw_map(axes, piece, of.centre, scale)
         low, size = (1.0 - share) * at, 2.0 * share * at
         axes.add_patch(Rectangle(tuple(low), *size, fill=False, ls="--", ec=sheet.POSE_COLOUR))
-        x, y = (sheet.readable(of.names[index]) for index in (piece.first, piece.second))
+        x, y = (short_name(of.names[index]) for index in (piece.first, piece.second))
         axes.set(title=title, xlabel=x, ylabel=y)
         figure.colorbar(ScalarMappable(scale, sheet.COLOURS), ax=axes)
     kinds = {**sheet.POSE_MARK, "label": "truth"}, sheet.MINIMUM_MARK

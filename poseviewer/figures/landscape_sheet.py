@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from io import BytesIO
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,12 +13,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from poseviewer.fit.slices import Slice
+from poseviewer.confidence.pose_covariance import ellipse
+from poseviewer.fit.slices import Slice, end_on_maps
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.charts import short_name
 
-COLOURS = "viridis"
-"""Matplotlib's colour map of losses."""
+COLOURS = "viridis_r"
+"""Matplotlib's colour map of losses, as on the page: bright is low."""
 INK = "0.15"
 """Colour of axes and texts."""
 LEVELS = 15
@@ -36,6 +38,10 @@ MINIMUM_MARK |= {"markeredgecolor": "black", "markeredgewidth": 0.7, "label": "l
 POSE_MARK = {"marker": "x", "markersize": 7, "markeredgecolor": POSE_COLOUR}
 POSE_MARK |= {"markeredgewidth": 1.6, "label": "current pose"}
 """Matplotlib's properties of the pose's cross."""
+REGION_MARK: dict[str, Any] = {"color": POSE_COLOUR, "linewidth": 1.2, "label": "90 % region"}
+"""Matplotlib's properties of the border of the pose's 90 % region."""
+PATH_MARK: dict[str, Any] = {"color": "0.4", "linewidth": 0.9, "label": "search path"}
+"""Matplotlib's properties of the path, a grey that is seen on bright and dark losses."""
 
 
 def make_landscape_sheet(
@@ -45,6 +51,8 @@ def make_landscape_sheet(
     *,
     title: str = "",
     what: str = "loss",
+    covariance: FloatArray | None = None,
+    path: FloatArray | None = None,
 ) -> Figure:
     """Draw the known part of slices on a sheet.
 
@@ -54,7 +62,10 @@ def make_landscape_sheet(
         pose: (d,): parameters at which a cross is drawn.
         title: title of the sheet.
         what: label of the colours.
+        covariance: (d, d): of the pose, whose 90 % region is drawn; nan where it is not known.
+        path: (n, d): the poses that a search came through, the oldest first.
     """
+    end = None if path is None else end_on_maps(slices, path)
     parameters = sorted({i for piece in slices for i in (piece.first, piece.second)})
     columns, rows = parameters[:-1], parameters[1:]
     side = max(CELL_INCHES * len(rows), MIN_SHEET_INCHES)
@@ -70,9 +81,11 @@ def make_landscape_sheet(
     for piece in slices:
         row, column = rows.index(piece.second), columns.index(piece.first)
         axes = figure.add_subplot(grid[row, column])
+        _draw_search(axes, piece, pose, covariance, end)
         draw_map(axes, piece, pose, scale)
         _name_axes(axes, piece, names, side / len(rows), (column == 0, row == len(rows) - 1))
-    _add_key(figure, scale, what)
+    kinds = PATH_MARK if end is not None else None, None if covariance is None else REGION_MARK
+    _add_key(figure, scale, what, [kind for kind in kinds if kind])
     figure.suptitle(title, x=0.95 / width, ha="left", fontsize=12, color=INK)
     return figure
 
@@ -108,6 +121,23 @@ def draw_map(axes: Axes, piece: Slice, pose: FloatArray, scale: Normalize) -> No
     axes.set_ylim(y[0], y[-1])
 
 
+def _draw_search(
+    axes: Axes,
+    piece: Slice,
+    pose: FloatArray,
+    covariance: FloatArray | None,
+    end: FloatArray | None,
+) -> None:
+    """Draw the end of a search's path and the pose's 90 % region over a map."""
+    pair = [piece.first, piece.second]
+    if end is not None:
+        axes.plot(*end[:, pair].T, **PATH_MARK)
+    part = np.array([[np.nan]]) if covariance is None else covariance[np.ix_(pair, pair)]
+    if not np.isnan(part).any():
+        border = pose[pair] + ellipse(part)
+        axes.plot(*border[[*range(len(border)), 0]].T, **REGION_MARK)
+
+
 def _name_axes(
     axes: Axes, piece: Slice, names: Sequence[str], cell: float, at: tuple[bool, bool]
 ) -> None:
@@ -122,23 +152,15 @@ def _name_axes(
     for spine in axes.spines.values():
         spine.set(linewidth=0.6, color=INK)
     if bottom:
-        axes.set_xlabel(readable(names[piece.first]), fontsize=9, color=INK)
+        axes.set_xlabel(short_name(names[piece.first]), fontsize=9, color=INK)
         axes.tick_params(axis="x", labelrotation=35)
         axes.xaxis.set_label_coords(0.5, -0.47 / cell)
     if left:
-        axes.set_ylabel(readable(names[piece.second]), fontsize=9, color=INK)
+        axes.set_ylabel(short_name(names[piece.second]), fontsize=9, color=INK)
         axes.yaxis.set_label_coords(-0.68 / cell, 0.5)
 
 
-def readable(name: str) -> str:
-    """Return a parameter's label as on the page, with Greek letters for Matplotlib."""
-    symbol, _, index = name.rpartition("_")
-    if symbol in ("mu", "delta", "psi"):
-        return rf"$\{symbol}_{{{index}}}$"
-    return short_name(name)
-
-
-def _add_key(figure: Figure, scale: Normalize, what: str) -> None:
+def _add_key(figure: Figure, scale: Normalize, what: str, lines: Sequence[dict[str, Any]]) -> None:
     """Draw the colour bar and a legend in the free upper right corner."""
     width, height = figure.get_size_inches()
     right, top = 1.0 - 0.35 / width, 1.0 - 0.75 / height
@@ -150,6 +172,7 @@ def _add_key(figure: Figure, scale: Normalize, what: str) -> None:
     bar.ax.xaxis.set_major_locator(MaxNLocator(4))
     bar.outline.set(linewidth=0.6)  # pyright: ignore[reportCallIssue]
     marks = [Line2D([], [], linestyle="none", **kind) for kind in (POSE_MARK, MINIMUM_MARK)]
+    marks += [Line2D([], [], **kind) for kind in lines]
     figure.legend(
         handles=marks, loc="upper right", bbox_to_anchor=(right, top - 0.62 / height),
         fontsize=8, frameon=False, labelcolor=INK, borderaxespad=0.0,

@@ -45,6 +45,10 @@ class LossMaps:
     title: str = ""
     photo: str = ""
     """Name of the photo in files."""
+    covariance: FloatArray | None = None
+    """(d, d): of the pose, for its 90 % region on the sheet; None: none is drawn."""
+    path: FloatArray | None = None
+    """(n, d): the poses that a search came through, for the sheet; None: none is drawn."""
 
     @classmethod
     def about(
@@ -91,6 +95,8 @@ class LossMaps:
             self.centre,
             title=self.title,
             what=self.loss_scale.name,
+            covariance=self.covariance,
+            path=self.path,
         )
         return figure_bytes(sheet, kind)
 

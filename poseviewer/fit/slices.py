@@ -89,6 +89,21 @@ class Slice:
         return SliceMinimum(*map(float, least))
 
 
+def end_on_maps(slices: Sequence[Slice], path: FloatArray) -> FloatArray:
+    """Return the end (t, d) of a path (n, d) from where it last came onto all slices; what lies
+    before would run across them.
+    """
+    is_beside = np.zeros(len(path), bool)
+    for piece in slices:
+        for index, values in (
+            (piece.first, piece.first_values),
+            (piece.second, piece.second_values),
+        ):
+            is_beside |= (path[:, index] < values[0]) | (path[:, index] > values[-1])
+    beside = np.flatnonzero(is_beside)
+    return path[beside[-1] :] if len(beside) else path
+
+
 def landscape(
     problem: FitProblem,
     pool: RendererPool,

@@ -5,9 +5,17 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Locator
 
+from poseviewer.files.demo import demo_case
+from poseviewer.files.pose import load_pose
+from poseviewer.files.scene_assets import load_model
+from poseviewer.vehicle.chart import visible_side
+from poseviewer.vehicle.wheel_pose import wheel_rims
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage
 from tests.scene import make_scene
+
+PHOTO = (960, 720)
+"""Size of the demo's photo, px."""
 
 
 def press(picture: Locator, u: float, v: float) -> None:
@@ -41,4 +49,30 @@ def test_the_picture_turns_and_stays_in_its_place_while_wheels_are_marked(
         tab.wait_for_text("middle of the front wheel")
         tab.page.get_by_role("button", name="Remove last mark").click()
         tab.wait_for_text("middle of the rear wheel")
+        assert tab.view()["box"] == canvas
+
+
+@pytest.mark.slow
+def test_the_photo_stays_where_it_is_while_rims_place_a_car(browser: Browser, tmp_path: Path):
+    case = demo_case()
+    model, truth = load_model(case.model), load_pose(case.truth, *PHOTO).pose
+    assert model.keypoints is not None
+    rims = wheel_rims(truth, visible_side(model.keypoints, truth), 0.3)
+    points = [point.tolist() for rim in rims for point in rim[[1, 6, 11, 16, 20]]]
+    with AppProcess(tmp_path, case.photo, case.model) as app, AppPage(browser, app.url) as tab:
+        tab.page.keyboard.press("Escape")
+        tab.open_step(2)
+        before = tab.view()["box"]
+        tab.page.get_by_role("button", name="Wheels", exact=True).click()
+        tab.until(lambda: tab.view()["box"] != before)  # the panel opens at once
+        tab.settled_picture()
+        canvas = tab.view()["box"]
+        for number, point in enumerate(points, 1):
+            tab.page.mouse.click(*tab.on_screen(point, PHOTO))
+            count = f"point {number % 5 + 1} of 5" if number < 10 else "search from here"
+            tab.wait_for_text(count)
+        tab.wait_for_text("at this pose")
+        assert tab.view()["box"] == canvas
+        tab.page.keyboard.press("Escape")
+        tab.wait_for_text("roll, scale")
         assert tab.view()["box"] == canvas

@@ -5,6 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from poseviewer.confidence.pose_covariance import region_reach
 from poseviewer.figures import landscape_sheet as sheet
 from poseviewer.fit.slices import Slice
 
@@ -61,3 +62,27 @@ def test_unfinished_and_constant_maps_are_drawn(known):
     figure = sheet.make_landscape_sheet(slices, NAMES[:3], np.zeros(3))
     assert len(maps_of(figure)) == 3
     assert sheet.figure_bytes(figure)
+
+
+def test_the_sheet_has_the_pages_labels_and_colours_and_what_the_search_found():
+    steps = np.array([0.0, 0.9, 0.1, 0.05, 0.0])  # the maps reach to 0.2
+    pose, path = np.arange(3.0), np.arange(3.0) + steps[:, None]
+    covariance = np.diag([1e-4, 4e-4, np.nan])
+    covariance[2] = covariance[:, 2] = np.nan
+    figure = sheet.make_landscape_sheet(
+        make_slices(3), NAMES[:3], pose, covariance=covariance, path=path
+    )
+    first, second, _ = maps_of(figure)
+    assert (first.get_ylabel(), second.get_xlabel()) == ("rear wheel y", "rear wheel x")
+    drawn = {line.get_label(): line.get_xydata() for line in first.lines}
+    np.testing.assert_allclose(drawn["search path"], path[1:, :2])
+    away = (drawn["90 % region"] - pose[:2]) / [0.01, 0.02]
+    np.testing.assert_allclose(np.linalg.norm(away, axis=1), region_reach(2))
+    assert [line.get_label() for line in second.lines] == [
+        "search path", "least of the map", "current pose",
+    ]  # fmt: skip
+    (legend,) = figure.legends
+    said = {text.get_text() for text in legend.get_texts()}
+    assert said == {"search path", "90 % region", "least of the map", "current pose"}
+    bright, dark = (sum(first.collections[0].get_cmap()(share)[:3]) for share in (0.0, 1.0))
+    assert bright > dark  # the lowest loss, as on the page

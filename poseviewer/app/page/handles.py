@@ -111,7 +111,7 @@ def model_html(session: Session) -> str:
     """The model alone with the points that are marked on it (HTML): a press marks one, a drag
     turns it.
     """
-    if session.results.alone is None or session.tool not in MARKING:
+    if session.results.alone is None or not session.shows_model:
         return ""
     (pose, pixels), marks = session.results.alone, session.document.marks
     height, width = pixels.shape[:2]

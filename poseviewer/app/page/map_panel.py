@@ -26,7 +26,7 @@ from poseviewer.app.state.results import Landscape
 from poseviewer.app.state.session import MappedLoss, Session
 from poseviewer.confidence.pose_covariance import ellipse
 from poseviewer.errors import PoseViewerError
-from poseviewer.fit.slices import Pair, Slice
+from poseviewer.fit.slices import Pair, Slice, end_on_maps
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.charts import OutsideChartError, short_name, tooltip
 from poseviewer.scene.settings import LOSSES
@@ -138,7 +138,7 @@ class LossGrid:
     def _markers(self, piece: Slice) -> str:
         """Trail, candidates, the map's own minimum and the pose, the last on top of the others."""
         drawn = ""
-        end = None if self.trail is None else _end_on_maps(self.slices, self.trail)
+        end = None if self.trail is None else end_on_maps(self.slices, self.trail)
         if end is not None and len(end) > 1:
             count = len(end)
             kept = np.linspace(0, count - 1, min(count, MAX_TRAIL)).round().astype(int)
@@ -204,15 +204,6 @@ def on_map(piece: Slice, parameters: FloatArray) -> FloatArray:
     return np.stack([u, v], axis=-1)
 
 
-def _end_on_maps(slices: Sequence[Slice], trail: FloatArray) -> FloatArray:
-    """(t, d): the end of a trail (n, d) from where it last came onto all maps: what lies before
-    would run across them.
-    """
-    shares = np.concatenate([on_map(piece, trail) for piece in slices], axis=-1)
-    beside = np.flatnonzero(np.any(np.abs(shares - 0.5) > 0.5, axis=-1))
-    return trail[beside[-1] :] if len(beside) else trail
-
-
 def _png_url(piece: Slice) -> str:
     """URL of an 8-bit palette PNG of a map, the last row at the top, over the known losses."""
     known = piece.losses[np.isfinite(piece.losses)]
@@ -242,7 +233,7 @@ MAPPED: dict[MappedLoss, str] = {"chosen": "selected loss", **LOSSES, "both": "b
 def add_maps(controls: Controls) -> None:
     """The panel: the pose in numbers, the maps, or why there are none, and what they show."""
     gui = controls.gui
-    alone = lambda s: (s.results.alone, s.tool, s.document.marks)  # noqa: E731
+    alone = lambda s: (s.results.alone, s.shows_model, s.document.marks)  # noqa: E731
     controls.html(memoize(alone, model_html))
     controls.html(measurement_html)
     controls.html(result_html)
@@ -281,25 +272,17 @@ def maps_html(session: Session, before: str) -> str:
 def grid_of(session: Session, latest: Landscape) -> LossGrid:
     """The maps of a loss with the pose, and the search where it searches in the maps' chart."""
     problem, document = latest.problem, session.document
-    first, chart = problem.views[0], problem.chart
     pose = np.array(latest.parameters)
-    covariance = None
-    trail = None
-    candidates = None
-    sure, search = session.covariance_in(first.view_index), session.own_progress
+    covariance, trail = latest.covariance_in(session), latest.path_in(session)
+    search = session.own_progress
+    is_followed = trail is not None and search is not None and session.is_searching
+    candidates = search.progress.candidates if is_followed and search else None
     with suppress(PoseViewerError, OutsideChartError):
         pose = document.params_in(problem)
-    with suppress(PoseViewerError, OutsideChartError):
-        covariance = None if sure is None else sure.in_chart(first.chart)
-    if session.search and search and search.problem.chart.names == chart.names:
-        start = session.search.start
-        if start.scene.pose(start.active, first.view_index) is latest.start:  # else another chart
-            trail = np.array([step.parameters for step in search.improvements])
-            candidates = search.progress.candidates if session.is_searching else None
     is_moving = session.is_searching or session.drag is not None
     return LossGrid(
         [piece.as_shown(problem.scale) for piece in latest.slices],
-        chart.names,
+        problem.chart.names,
         pose,
         candidates,
         trail,

@@ -1,11 +1,14 @@
 """Texts of the page on a session: what is open, what to do next, how search and verdict stand."""
 
+import math
+
 import numpy as np
 
 from poseviewer.app.page.controls import percent, plain
 from poseviewer.app.page.result import deviations_of
 from poseviewer.app.state import hiding as h
 from poseviewer.app.state.document import WHEELS, label_of, verdict_of
+from poseviewer.app.state.dragging import radius_in_photo
 from poseviewer.app.state.marking import MARKING, pair_errors
 from poseviewer.app.state.objects import symmetry_text
 from poseviewer.app.state.searches import LossComparison
@@ -52,6 +55,13 @@ PLACE_HINT = (
     "<b>press where the object is</b>: the model goes there &nbsp;·&nbsp; <b>Fit to box</b> "
     "proposes starting poses"
 )
+SIZE_HINT = (
+    "<b>too large or too small?</b> &nbsp;·&nbsp; <b>Fit to box</b> takes the size from a "
+    "rectangle &nbsp;·&nbsp; <b>ctrl + drag</b> scales &nbsp;·&nbsp; <b>space</b> search"
+)
+"""Hint once a press has placed the model, which keeps the size that it had by chance."""
+SIZE_STEPS = 3
+"""Undo steps after which the usual hint comes back."""
 MODEL_HINT = "<b>now open the model of this photo</b>: Open, Model ..."
 LOOKING_HINT = (
     "<b>Looking for the object ...</b> &nbsp;·&nbsp; or <b>press where it is</b> &nbsp;·&nbsp; "
@@ -141,8 +151,18 @@ def hint_of(session: Session) -> str:
         case _ if is_focal_length_wanted(session):
             return ASSUMED_HINT
         case _:
-            return USUAL_HINT
+            return SIZE_HINT if _has_first_size(session) else USUAL_HINT
     return f"<b>{what}</b>{MARKING_HINT}"
+
+
+def _has_first_size(session: Session) -> bool:
+    """Whether the active object has been placed and never scaled since."""
+    document, past = session.document, session.history.past[-SIZE_STEPS:]
+    before = [d for d in past if d.object_id == document.object_id and not d.object.is_placed]
+    if not before or session.search or document.object.result is not None:
+        return False
+    sizes = (radius_in_photo(d.pose, d.mesh) for d in (before[-1], document))
+    return math.isclose(*sizes, rel_tol=1e-6)
 
 
 def marks_text(session: Session) -> str:

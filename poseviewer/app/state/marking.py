@@ -30,8 +30,7 @@ MARKING = {"pairs": ("pixels", "points"), "wheels": ("rims",)}
 """Fields of ``Marks`` that each tool sets; the first holds pixels."""
 MAX_PAIRS = 24
 SAME_WHEEL = 0.2
-"""Distance below which a press marks the rear wheel anew, of the model's diameter: wheelbases are
-longer."""
+"""Distance, in model diameters, below which a press marks the rear wheel anew: no wheelbase."""
 
 
 def marks_in_photo(marks: Marks, tool: str) -> FloatArray:
@@ -66,13 +65,10 @@ def mark_model(session: Session, u: float, v: float) -> Session:
     """Mark a point of the model at shares (u, v) of its picture, from the lower left corner; a
     point that still needs its pixel is replaced.
     """
-    if session.results.alone is None or session.tool not in MARKING:
+    if session.results.alone is None or not session.shows_model:
         return session
     if not session.marks_model:
-        raise QuickStartError(
-            "Both wheels of the model are marked: click their rims on the photo, or press Mark the "
-            "model's wheels anew."
-        )
+        raise QuickStartError("Both wheels of the model are marked; click rims on the photo.")
     document, (pose, _) = session.document, session.results.alone
     point = np.array([u * pose.camera.width, (1.0 - v) * pose.camera.height])
     if document.marks.waits_for_pixel:
@@ -129,9 +125,8 @@ def _with_keypoints(
 @edit
 def remark_wheels(session: Session) -> Session:
     """Forget the wheels of the model, to mark them anew."""
-    return replace(
-        session.with_document(_with_keypoints(session.document, None, ())), tool="wheels"
-    )
+    session = session.with_document(_with_keypoints(session.document, None, ()))
+    return replace(session, tool="wheels")
 
 
 @drag_edit

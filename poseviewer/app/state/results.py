@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.app.state.document import Document
+from poseviewer.errors import PoseViewerError
 from poseviewer.figures.map_archive import LossMaps
 from poseviewer.fit.loss import Unexplained
 from poseviewer.fit.problem import FitProblem
 from poseviewer.fit.slices import Slice
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.charts import OutsideChartError
 
 if TYPE_CHECKING:
     from poseviewer.app.state.session import Session
@@ -75,11 +78,31 @@ class Landscape:
     slices: tuple[Slice, ...] = ()
     """Slices by pairs of parameters, as far as they are computed."""
 
-    @property
-    def maps(self) -> LossMaps:
-        """The slices as files hold them."""
+    def covariance_in(self, session: Session) -> FloatArray | None:
+        """(d, d): covariance of the session's pose in the problem's chart, if it is known."""
+        view = self.problem.views[0]
+        sure = session.covariance_in(view.view_index)
+        with suppress(PoseViewerError, OutsideChartError):
+            return None if sure is None else sure.in_chart(view.chart)
+        return None
+
+    def path_in(self, session: Session) -> FloatArray | None:
+        """(n, d): path of the session's search; None: there is none in the problem's chart."""
+        request, search = session.search, session.own_progress
+        problem = self.problem
+        if not (request and search and search.problem.chart.names == problem.chart.names):
+            return None
+        start = request.start
+        if start.scene.pose(start.active, problem.views[0].view_index) is not self.start:
+            return None  # another chart
+        return np.array([step.parameters for step in search.improvements])
+
+    def maps_in(self, session: Session) -> LossMaps:
+        """The slices as files hold them, with what the session knows of the search."""
         photo = self.document.scene.views[self.problem.views[0].view_index].photo
-        return LossMaps.about(self.parameters, self.slices, self.half_width, self.problem, photo)
+        maps = LossMaps.about(self.parameters, self.slices, self.half_width, self.problem, photo)
+        covariance, path = self.covariance_in(session), self.path_in(session)
+        return replace(maps, covariance=covariance, path=path)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

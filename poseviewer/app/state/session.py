@@ -218,6 +218,11 @@ class Session:
         return is_first or self.tool == "pairs"
 
     @property
+    def shows_model(self) -> bool:
+        """Whether the model stands beside the photo, to be marked or with wheels marked by hand."""
+        return self.marks_model or (self.tool == "wheels" and bool(self.document.marks.hubs))
+
+    @property
     def shown_box(self) -> Rectangle | None:
         """Box about the object, while it is drawn and while starts in it can be chosen."""
         is_used = self.proposals is not None and self.search is None

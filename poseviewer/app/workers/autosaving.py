@@ -108,10 +108,8 @@ class Autosaver:
 
     def save(self, session: Session, beside: bool = False) -> tuple[Path, ...]:
         """Write the pose file with its mask, or else the scene with copies of uploads. A file that
-        is replaced becomes a ``.bak`` file; ``beside`` takes a free name instead.
-
-        Returns:
-            The pose or scene file, and the files of key points that were written.
+        is replaced becomes a ``.bak`` file; ``beside`` takes a free name instead. Returns this
+        file and the files of key points that were written.
 
         Raises:
             PoseViewerError: the folder cannot be written to, or photo or models are no files.
@@ -135,21 +133,11 @@ class Autosaver:
                 file.with_suffix(f"{file.suffix}.bak").replace(file)
             raise
         self._written[path] = _fingerprint(path, document)
-        models = {item.model.path: item.model for item in scene.objects}
-        return (path, *filter(None, map(self._save_keypoints, models.values())))
-
-    def _save_keypoints(self, model: ModelFile) -> Path | None:
-        """Write key points that differ from those of the model's files; None: none was written."""
-        path, keypoints = model.path, model.keypoints
-        if path is None or keypoints is None:
-            return None
-        file, known = keypoints_path(path), load_keypoints(path, model.mesh)
-        if known is not None and (path.parent in PLACES or is_equal(known, keypoints)):
-            return None
-        if file.exists():
-            file.replace(file.with_suffix(".json.bak"))
-        save_keypoints(path, keypoints, model.unit)
-        return file
+        written = list[Path]()
+        for item in scene.objects:
+            if keypoints_path(item.model.location) not in written and _save_keypoints(item.model):
+                written.append(keypoints_path(item.model.location))
+        return (path, *written)
 
     def _path(self, document: Document) -> Path:
         usual = self._usual_path(document)
@@ -174,6 +162,20 @@ class Autosaver:
         if self._offered is not None:
             discard(self._offered)
             self._offered = None
+
+
+def _save_keypoints(model: ModelFile) -> bool:
+    """Write a model's key points beside it, unless its files have the same; whether it wrote."""
+    path, keypoints = model.path, model.keypoints
+    if path is None or keypoints is None:
+        return False
+    file, known = keypoints_path(path), load_keypoints(path, model.mesh)
+    if known is not None and (path.parent in PLACES or is_equal(known, keypoints)):
+        return False
+    if file.exists():
+        file.replace(file.with_suffix(".json.bak"))
+    save_keypoints(path, keypoints, model.unit)
+    return True
 
 
 def _times_on_disk(path: Path) -> list[int]:

@@ -15,6 +15,7 @@ from poseviewer import api
 from poseviewer.app.state.document import Document, is_shown, label_of
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import renderer_of
+from poseviewer.app.workers.maps import is_fine
 from poseviewer.errors import SettingsError
 from poseviewer.files.formats.conversion import METRES, ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
@@ -124,9 +125,11 @@ def export(
     mapped = [update for update in session.results.landscapes if update.slices]
     if not mapped:
         raise SettingsError("there are no maps yet; wait for the first ones")
+    if not all(map(is_fine, mapped)):
+        raise SettingsError("the maps are still coarse; save them once they are fine, at rest")
     endings = {"default": f"landscape.{kind}", "paper": f"landscape.paper.{kind}"}
     return {
-        f"{stem}.{endings[update.problem.settings.loss]}": update.maps.as_bytes(kind)
+        f"{stem}.{endings[update.problem.settings.loss]}": update.maps_in(session).as_bytes(kind)
         for update in mapped
     }
 

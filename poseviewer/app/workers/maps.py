@@ -148,6 +148,12 @@ def _pool(renderer: Renderer) -> RendererPool:
     return RendererPool(renderer, threads=max(processors() - 1, 1), begin=lower_priority)
 
 
+def is_fine(landscape: Landscape) -> bool:
+    """Whether all maps of a landscape are known on the finest grid."""
+    losses = [piece.losses for piece in landscape.slices]
+    return all(len(grid) == SIZE and bool(np.isfinite(grid).all()) for grid in losses)
+
+
 def refine_maps(
     landscape: Landscape, problem: FitProblem, pool: RendererPool, size: int
 ) -> Iterator[Landscape]:

@@ -13,7 +13,6 @@ from poseviewer.app.state.display_edits import show_results
 from poseviewer.app.state.document import Document, reference_view
 from poseviewer.app.state.dragging import rotate
 from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.marking import MARKING
 from poseviewer.app.state.results import NO_LINES, LossReading, Overlay
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import for_one_thread
@@ -211,7 +210,7 @@ def picturing(notify: Callable[[], None]) -> Worker[ModelPicture, Edit]:
     renderer = for_one_thread(lambda renderer: renderer)
 
     def request_of(session: Session) -> ModelPicture | None:
-        is_wanted = session.tool in MARKING and session.preparation is None
+        is_wanted = session.shows_model and session.preparation is None
         turn = session.display.model_turn
         return (session.document, turn) if is_wanted and not session.is_moving else None
 
@@ -226,7 +225,13 @@ def picturing(notify: Callable[[], None]) -> Worker[ModelPicture, Edit]:
         view = ModelInPhoto(ground, mesh, renderer(mesh), pose, opacity=1.0)
         yield show_results(document, alone=(pose, draw_style("solid", view)))
 
-    return Worker("model alone", request_of, make, notify)
+    return Worker(
+        "model alone",
+        request_of,
+        make,
+        notify,
+        serves=lambda begun, request, busy: busy or begun == request,
+    )
 
 
 def reading(notify: Callable[[], None]) -> Worker[Session, Edit]:

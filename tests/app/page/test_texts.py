@@ -17,6 +17,7 @@ from poseviewer.app.page.above_steps import parts_left_out
 from poseviewer.app.page.controls import on_page, percent, plain
 from poseviewer.app.page.texts import (
     SEARCHING_HINT,
+    SIZE_HINT,
     USUAL_HINT,
     files_text,
     first_text,
@@ -87,6 +88,19 @@ def test_the_line_over_the_photo_says_what_space_does_next():
     assert hint_of(after(searching, c.stop_search())) == USUAL_HINT
     assert hint_of(after(searching, c.set_tool("brush"))) != SEARCHING_HINT
     assert hint_of(after(session, c.show_style("residual"))) == ""  # its legend is there
+
+
+def test_after_a_press_the_line_offers_to_set_the_size_until_that_is_done():
+    start = make_session()
+    document = start.document.with_object(is_placed=False)
+    pressed = after(replace(start, document=document), c.press(60.0, 50.0), c.drag_to(70.0, 50.0))
+    placed = after(pressed, c.release())
+    assert placed.document.object.is_placed
+    assert hint_of(placed) == SIZE_HINT
+    assert "Fit to box" in SIZE_HINT
+    assert hint_of(after(placed, c.nudge("turn", 5.0))) == SIZE_HINT
+    assert hint_of(after(placed, c.nudge("scale", -9.0))) == USUAL_HINT
+    assert hint_of(after(placed, *[c.nudge("move", 1.0)] * 3)) == USUAL_HINT
 
 
 def test_the_share_that_is_hidden_is_said():

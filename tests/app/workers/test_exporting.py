@@ -7,14 +7,18 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 
+from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.objects import add_object, alter_object, pick_object
 from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import CONVERTED, RELATIVE, export
+from poseviewer.app.workers.jobs import renderer_of
+from poseviewer.app.workers.maps import SIZE, MapMaker
 from poseviewer.app.workers.opening import open_files
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
+from poseviewer.scene.settings import FitSettings
 from tests.app.state.documents import after
 
 OF_ONE_UNIT = ("bop", "dope", "linemod")
@@ -81,3 +85,20 @@ def test_a_format_of_one_unit_asks_for_the_models(scene, what):
     with pytest.raises(PoseViewerError, match="on the page with Model's unit"):
         export(what, session, "as it says")
     assert export(what, session, "mm")
+
+
+def test_maps_are_saved_once_they_are_fine_by_both_losses_on_one_grid(scene):
+    document = open_files(scene.photo, scene.model, scene.start)
+    locked = ("rotation_x", "rotation_y", "rotation_z", "log_depth")
+    document = document.with_object(settings=FitSettings("default", lock=locked))
+    session = after(Session(document), set_fields("display", mapped_loss="both"))
+    session = replace(session, other_settings=FitSettings("paper", lock=locked))
+    coarse, *_, fine = MapMaker(renderer_of(document.mesh).clone()).run(session)
+    for what in ("sheet", "maps-npz"):
+        with pytest.raises(PoseViewerError, match="still coarse"):
+            export(what, after(session, set_fields("results", landscapes=coarse)))
+    saved = after(session, set_fields("results", landscapes=fine))
+    assert len(export("sheet", saved)) == 2
+    archives = [np.load(BytesIO(data)) for data in export("maps-npz", saved).values()]
+    assert [archive["losses"].shape for archive in archives] == [(1, SIZE, SIZE)] * 2
+    assert np.isfinite([archive["losses"] for archive in archives]).all()
