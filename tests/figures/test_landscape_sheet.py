@@ -74,7 +74,7 @@ def test_the_sheet_has_the_pages_labels_and_colours_and_what_the_search_found():
     )
     first, second, _ = maps_of(figure)
     assert (first.get_ylabel(), second.get_xlabel()) == ("rear wheel y", "rear wheel x")
-    drawn = {line.get_label(): line.get_xydata() for line in first.lines}
+    drawn = {line.get_label(): np.asarray(line.get_xydata()) for line in first.lines}
     np.testing.assert_allclose(drawn["search path"], path[1:, :2])
     away = (drawn["90 % region"] - pose[:2]) / [0.01, 0.02]
     np.testing.assert_allclose(np.linalg.norm(away, axis=1), region_reach(2))

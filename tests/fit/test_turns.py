@@ -165,7 +165,7 @@ def test_what_is_taken_for_found_on_top_of_a_found_object_does_not_spoil_it(monk
         return end
 
     monkeypatch.setattr(searching, "judge_end", misjudging)
-    monkeypatch.setattr(searching, "other_proportions", lambda *_: "")  # which would doubt it
+    monkeypatch.setattr(searching, "other_proportions", lambda *_: None)  # which would doubt it
     photo = lit_models((TRUTH[0], TRUTH[2]), LIGHT, np.random.default_rng(0))
     view = replace(VIEW, file=PhotoFile.of(replace(VIEW.photo, pixels=photo)))
     scene = scene_of(STARTS[0], other, STARTS[2], view=view)

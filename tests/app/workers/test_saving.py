@@ -97,6 +97,7 @@ def test_wheels_given_by_hand_are_written_beside_the_model(session, saver, scene
     assert saver.save(replace(session, document=anew))[1:] == (beside,)
     assert beside.with_name(f"{beside.name}.bak").exists()
     now = open_files(scene.photo, scene.model, scene.start).model.keypoints
+    assert now is not None
     assert is_equal(now, swapped)
 
 
