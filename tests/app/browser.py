@@ -183,9 +183,9 @@ class AppPage:
             notices = self.page.get_by_role("alert").all_inner_texts()
             raise AssertionError(f"no {text!r} on the page; its notices: {notices}") from None
 
-    def until(self, predicate: Callable[[], Any], patience_ms: int = PATIENCE_MS) -> None:
+    def until(self, predicate: Callable[[], Any]) -> None:
         """Until something is true, asked again and again."""
-        for _ in range(patience_ms // LOOK_AGAIN_MS):
+        for _ in range(PATIENCE_MS // LOOK_AGAIN_MS):
             if predicate():
                 return
             self.page.wait_for_timeout(LOOK_AGAIN_MS)
