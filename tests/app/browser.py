@@ -181,7 +181,9 @@ class AppPage:
             self.page.get_by_text(text).filter(visible=True).first.wait_for()
         except Error:
             notices = self.page.get_by_role("alert").all_inner_texts()
-            raise AssertionError(f"no {text!r} on the page; its notices: {notices}") from None
+            words = " ".join(self.page.inner_text("body").split())[:500]
+            message = f"no {text!r} on the page; its notices: {notices}; it says: {words}"
+            raise AssertionError(message) from None
 
     def until(self, predicate: Callable[[], Any]) -> None:
         """Until something is true, asked again and again."""
