@@ -72,9 +72,9 @@ class LossMaps:
         settings = problem.settings
         chart = problem.chart
         whose = "loss" if settings.loss == "default" else f"loss of {settings.loss_name}"
-        title = f"{photo.label}: {whose} about the pose, ±{half_width:.0%}"
+        title = f"{photo.label}: {whose} about the pose, ±{100.0 * half_width:.0f} %"
         error = max((piece.error or 0.0 for piece in slices), default=0.0)
-        title += f", good to {error:.1%} of each map's range" if error else ""
+        title += f", good to {100.0 * error:.1f} % of each map's range" if error else ""
         scales, text = chart.scales(centre), photo_text(photo)
         return cls(slices, chart.names, centre, scales, problem.scale, title, text)
 
