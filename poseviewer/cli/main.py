@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from poseviewer import __version__
-from poseviewer.cli.options import add_all, inputs
+from poseviewer.cli.options import Options, add_all, inputs, with_flags
 from poseviewer.cli.terminal import tell
 from poseviewer.errors import (
     EXIT_BUG,
@@ -52,11 +52,13 @@ COMMANDS = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run ``poseviewer``; returns the exit code (2: an error that the user can mend)."""
+    known: Options = {}
     try:
         _make_ready()
         options = parse(sys.argv[1:] if arguments is None else arguments)
         command = import_module(f"poseviewer.cli.{options.command}_command")
-        with keeping(inputs(options, command.OPTIONS)):
+        known = command.OPTIONS
+        with keeping(inputs(options, known)):
             return command.run(options)
     except KeyboardInterrupt:
         tell("poseviewer: stopped; nothing was written.")
@@ -66,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     except Exception as error:  # noqa: BLE001 - every error becomes a sentence
         _log.debug("stopped by", exc_info=error)
-        tell(f"poseviewer: {sentence_of(error)}")
+        tell(f"poseviewer: {with_flags(sentence_of(error), known)}")
         mendable = isinstance(error, (PoseViewerError, OSError, MemoryError))
         return EXIT_MENDABLE if mendable else EXIT_BUG
 

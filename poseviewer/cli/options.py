@@ -5,6 +5,7 @@ Options of several commands are here. An option that sets a field of a dataclass
 name, by which ``make`` finds its value.
 """
 
+import re
 from argparse import ArgumentTypeError, Namespace, _ActionsContainer
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
@@ -273,6 +274,17 @@ def inputs(options: Namespace, of_command: Options) -> list[Path]:
     ]
     reads = any(item.is_output for item in every)
     return [path for group in paths for path in group if isinstance(path, Path)] if reads else []
+
+
+def with_flags(sentence: str, of_command: Options) -> str:
+    """Name a command's flags where a sentence of the library names its settings."""
+    for item in (item for group in of_command.values() for item in each(group)):
+        if item.flag.startswith("-"):
+            name = rf"(?<![\w-]){re.escape(item.name)}"
+            sentence = re.sub(rf'{name}="?([\w-]+)"?', rf"{item.flag} \1", sentence)
+            if "_" in item.name:  # else it may be a word of the sentence
+                sentence = re.sub(rf"{name}(?!\w)", item.flag, sentence)
+    return sentence
 
 
 def values(options: Namespace, group: Iterable[Option]) -> dict[str, Any]:

@@ -61,7 +61,7 @@ MAX_PARAMETERS = 10
 NUMBERS = "X", "Y", "Z", "turn x", "turn y", "turn z", "scale"
 """Numbers of a pose that have a field."""
 NUMBER_STEPS = {name: 0.1 if "turn" in name else 0.01 for name in NUMBERS}
-"""What the arrows of each add."""
+"""Step of the arrows of each field."""
 LOG_SIZE = "log_size"
 """Parameter of the model's size, in charts of photos whose scale is not known."""
 CURVE_POINTS = 300

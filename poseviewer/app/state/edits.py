@@ -40,7 +40,7 @@ class SavePose:
     """Request to write the pose beside the photo."""
 
     on_taken: Literal["ask", "replace", "beside", "leave"] = "ask"
-    """What to do about a file that this session did not write."""
+    """Treatment of a file that this session did not write."""
 
 
 @dataclass(frozen=True, slots=True)

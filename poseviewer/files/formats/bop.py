@@ -51,7 +51,7 @@ class BopObject:
 
     object_id: int
     camera_from_model: RigidTransform
-    """In mm."""
+    """Pose of the model in the camera's frame; its translation is in mm."""
 
     def as_json(self) -> dict[str, Any]:
         """Return the pose for ``scene_gt.json``."""

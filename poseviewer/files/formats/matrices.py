@@ -37,7 +37,7 @@ OPENCV_ENDINGS = (".yml", ".yaml", ".json")
 FISHEYE = "OpenCV fisheye"
 LENSES: c.Lenses = (*(("OpenCV", "opencv", n) for n in (5, 8, 12, 14)), (FISHEYE, "fisheye", 4))
 UNIT = "cm"
-"""Of DOPE and LINEMOD."""
+"""Length unit of DOPE's and LINEMOD's files."""
 LINEMOD_ENDINGS = (".rot", ".tra")
 
 
