@@ -253,25 +253,25 @@ class Scene:
             raise SettingsError(f"{found}; there are {', '.join(ids)}.")
         return ids.index(object_id)
 
-    def pose(self, index: int, view: int = 0) -> Pose:
+    def pose(self, object_index: int, view_index: int = 0) -> Pose:
         """Return the pose of an object in a view, in the model's unit."""
-        return self.views[view].pose(self.objects[index].world_from_model)
+        return self.views[view_index].pose(self.objects[object_index].world_from_model)
 
-    def model_at(self, index: int, view: int = 0) -> PlacedModel:
+    def model_at(self, object_index: int, view_index: int = 0) -> PlacedModel:
         """Return an object's mesh at its pose in a view."""
-        return PlacedModel(self.objects[index].mesh, self.pose(index, view))
+        return PlacedModel(self.objects[object_index].mesh, self.pose(object_index, view_index))
 
-    def covariance(self, index: int, view: int = 0) -> PoseCovariance | None:
+    def covariance(self, object_index: int, view_index: int = 0) -> PoseCovariance | None:
         """The covariance of an object's pose in a view; None where no search has said it."""
-        item, result = self.objects[index], self.objects[index].result
-        if result is None or result.covariance is None or result.view == view:
+        item, result = self.objects[object_index], self.objects[object_index].result
+        if result is None or result.covariance is None or result.view == view_index:
             return None if result is None else result.covariance
         world_from_view = self.views[result.view].camera_from_world.inverse()
-        motion = self.views[view].camera_from_world @ world_from_view
+        motion = self.views[view_index].camera_from_world @ world_from_view
         motion = replace(motion, translation=motion.translation / item.world_from_model.scale)
-        return result.covariance.in_view_of(motion, self.pose(index, view), item.mesh)
+        return result.covariance.in_view_of(motion, self.pose(object_index, view_index), item.mesh)
 
-    def relative_pose(self, index: int, other: int) -> Similarity:
+    def relative_pose(self, object_index: int, other_index: int) -> Similarity:
         """The pose of an object in another's frame, in the other model's unit.
 
         Raises:
@@ -282,50 +282,56 @@ class Scene:
                 "the projection is parallel: it does not tell how far one object is behind "
                 "another; choose a perspective camera."
             )
-        own, frame = (self.objects[i].world_from_model for i in (index, other))
+        own, frame = (self.objects[i].world_from_model for i in (object_index, other_index))
         rigid = frame.rigid.inverse() @ own.rigid
         rigid = replace(rigid, translation=rigid.translation / frame.scale)
         return Similarity(rigid, own.scale / frame.scale)
 
-    def in_view(self, index: int, view: int = 0) -> InView:
+    def in_view(self, object_index: int, view_index: int = 0) -> InView:
         """Return the settings of an object in a view alone."""
-        own = self.objects[index].in_views
-        return own[view] if own else InView()
+        own = self.objects[object_index].in_views
+        return own[view_index] if own else InView()
 
-    def masks(self, index: int, view: int = 0) -> tuple[Mask, ...]:
+    def masks(self, object_index: int, view_index: int = 0) -> tuple[Mask, ...]:
         """Return the masks of an object in a view: the view's, and its own."""
-        return tuple(filter(None, (self.views[view].mask, self.in_view(index, view).mask)))
+        return tuple(
+            filter(None, (self.views[view_index].mask, self.in_view(object_index, view_index).mask))
+        )
 
-    def mask(self, index: int, view: int = 0) -> Mask | None:
+    def mask(self, object_index: int, view_index: int = 0) -> Mask | None:
         """Return the pixels of a view that count for an object: all masks, without occluders."""
-        result = self.objects[index].result
-        weights = [mask.weights for mask in self.masks(index, view)]
-        in_front = result.hidden[view] if result and result.hidden else None
+        result = self.objects[object_index].result
+        weights = [mask.weights for mask in self.masks(object_index, view_index)]
+        in_front = result.hidden[view_index] if result and result.hidden else None
         weights += [] if in_front is None else [~in_front]
         return Mask.of(reduce(np.multiply, weights)) if weights else None
 
-    def with_object(self, index: int, **changes: Any) -> Scene:
+    def with_object(self, object_index: int, **changes: Any) -> Scene:
         """Change fields of one object."""
         objects = list(self.objects)
-        objects[index] = replace(objects[index], **changes)
+        objects[object_index] = replace(objects[object_index], **changes)
         return replace(self, objects=tuple(objects))
 
-    def with_pose(self, index: int, pose: Pose, view: int = 0, scale: float | None = None) -> Scene:
+    def with_pose(
+        self, object_index: int, pose: Pose, view_index: int = 0, scale: float | None = None
+    ) -> Scene:
         """Put an object where a view shows it at a pose, without a result.
 
         Args:
-            index: of the object.
+            object_index: of the object.
             pose: in the view; its focal length becomes that of all views of this camera.
-            view: index of the view.
+            view_index: of the view.
             scale: lengths of the world's unit to one of the model's; None: as it is.
         """
-        views, own = self.views, self.views[view]
+        views, own = self.views, self.views[view_index]
         if pose.camera != own.camera and not _is_own_scale(pose, own, len(self.objects)):
             moved = (v if v.camera != own.camera else replace(v, camera=pose.camera) for v in views)
             views = tuple(moved)
-        scale = self.objects[index].world_from_model.scale if scale is None else scale
-        place = views[view].world_from_model(pose, scale)
-        return replace(self, views=views).with_object(index, world_from_model=place, result=None)
+        scale = self.objects[object_index].world_from_model.scale if scale is None else scale
+        place = views[view_index].world_from_model(pose, scale)
+        return replace(self, views=views).with_object(
+            object_index, world_from_model=place, result=None
+        )
 
 
 def _is_own_scale(pose: Pose, view: View, objects: int) -> bool:

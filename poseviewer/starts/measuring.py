@@ -38,11 +38,11 @@ class MeasuredPoint:
     """(6,): their standard deviations; None: no search has said them."""
 
 
-def measure_point(scene: Scene, pixel: ArrayLike, view: int = 0) -> MeasuredPoint | None:
+def measure_point(scene: Scene, pixel: ArrayLike, view_index: int = 0) -> MeasuredPoint | None:
     """Return the nearest point of any shown object at a pixel (2,) of a view; None beside them."""
     pixel, seen = np.asarray(pixel, dtype=float), list[tuple[float, int, FloatArray]]()
     for index, item in enumerate(scene.objects):
-        mesh, pose = item.mesh, scene.pose(index, view)
+        mesh, pose = item.mesh, scene.pose(index, view_index)
         is_shown = item.is_placed and not item.hidden
         if is_shown and is_within_outline(pixel, pose, mesh, OUTLINE_PX):
             hit = surface_hit(mesh, pose, pixel)
@@ -61,7 +61,7 @@ def measure_point(scene: Scene, pixel: ArrayLike, view: int = 0) -> MeasuredPoin
         along = (normal @ (corner - start)) / (normal @ direction)
         return np.concatenate([start + along * direction, near + along * (far - near)])
 
-    return MeasuredPoint(index, view, at, *_propagate(scene, [index], at, view))
+    return MeasuredPoint(index, view_index, at, *_propagate(scene, [index], at, view_index))
 
 
 def measure_distance(
@@ -88,7 +88,7 @@ def measure_distance(
     return float(values[0]), None if deviations is None else float(deviations[0])
 
 
-def measure_relative(scene: Scene, index: int, other: int) -> dict[str, Any]:
+def measure_relative(scene: Scene, object_index: int, other_index: int) -> dict[str, Any]:
     """Return the pose of an object in another's frame as numbers by their names.
 
     Returns:
@@ -99,7 +99,7 @@ def measure_relative(scene: Scene, index: int, other: int) -> dict[str, Any]:
     Raises:
         SettingsError: the projection is parallel.
     """
-    relative = scene.relative_pose(index, other)
+    relative = scene.relative_pose(object_index, other_index)
     rigid, turn = relative.rigid, relative.rigid.as_rotation_vector()
     axis = turn / max(np.linalg.norm(turn), 1e-300)
 
@@ -109,7 +109,7 @@ def measure_relative(scene: Scene, index: int, other: int) -> dict[str, Any]:
         change = Rotation.from_matrix(b.rotation.T @ a.rotation @ rigid.rotation.T).as_rotvec()
         return np.array([distance, math.degrees(axis @ (turn + change))])
 
-    values, deviations = _propagate(scene, [index, other], numbers, 0)
+    values, deviations = _propagate(scene, [object_index, other_index], numbers, 0)
     names = ("distance", "degrees", "distance_std", "degrees_std")
     known = [*values.tolist(), *(() if deviations is None else deviations.tolist())]
     quaternion, translation = rigid.as_quaternion().tolist(), rigid.translation.tolist()

@@ -89,9 +89,9 @@ def test_a_command_says_and_writes_its_results(folder, capsys, line, words, writ
         ("convert named.json o --photo-size 100x75", "200x150"),
         ("convert named.json o.glb --to gltf --model m.ply --photo p.png", "160x120"),
         ("convert named.json named.json", "--overwrite"),
-        ("fit p.png m.ply --pose start.json --out o.json --chart vehicle", "--chart free-body"),
+        (f"{FIT} --chart vehicle", "--chart free-body"),
         (
-            "fit p.png m.ply --pose start.json --out o.json --free-principal-point",
+            f"{FIT} --free-principal-point",
             "--free-principal-point with one photo",
         ),
         ("study --out o --kinds plain,snow", "snow is not one of plain, background"),
