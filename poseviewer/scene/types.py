@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from msgspec import Meta
@@ -201,8 +201,32 @@ class SceneObject:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class FramePose:
+    """The pose of an object in a frame of a sequence."""
+
+    world_from_model: Similarity
+    source: Literal["key", "propagated"] = "key"
+    """Placed by the user, or found from the poses in neighbouring frames."""
+    result: SearchResult | None = None
+    """None for a key that no search has found."""
+    is_stale: bool = field(default=False, metadata={"key": "stale"})
+    """Whether a key has changed since, from which the pose was propagated."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Frame:
+    """A photo of a sequence, with the poses of the scene's objects."""
+
+    file: PhotoFile
+    time_s: float | None = None
+    """Time stamp from the first frame, s; None: not known."""
+    poses: Mapping[str, FramePose] = field(default_factory=dict)
+    """Poses by the objects' ids; an object without a pose is left out."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Scene:
-    """Views times objects."""
+    """Views times objects; with ``frames``, those of the frame that the one view shows."""
 
     unit: str | None = None
     """Unit of the world; None: not said."""
@@ -211,6 +235,10 @@ class Scene:
     views: Annotated[tuple[View, ...], Meta(min_length=1)]
     objects: tuple[SceneObject, ...] = ()
     software: dict[str, Any] | None = None
+    frames: tuple[Frame, ...] = field(default=(), metadata=NOT_IN_FILES)
+    """Photos of the one view's camera in order; empty: the scene is no sequence."""
+    frame_index: int = field(default=0, metadata=NOT_IN_FILES)
+    """Index of the frame that the view shows."""
     name: str = field(default="", metadata=NOT_IN_FILES)
     """Name of the file or folder that the scene was read from."""
     notes: tuple[str, ...] = field(default=(), metadata=NOT_IN_FILES)

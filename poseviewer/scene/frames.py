@@ -1,0 +1,130 @@
+"""Sequences: a scene whose one view shows its frames in turn.
+
+The scene's photo and its objects' poses are those of the frame that is shown. ``Scene.frames``
+keeps the poses of all frames: *keys*, which the user has placed, and propagated ones.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+from poseviewer.errors import SettingsError
+from poseviewer.scene.types import Frame, FramePose, Scene
+
+
+def with_frames(scene: Scene, frames: Sequence[Frame]) -> Scene:
+    """Make a sequence of a scene of one view, which shows the first frame.
+
+    Raises:
+        SettingsError: the scene has several views, there are no frames, or their sizes differ.
+    """
+    if len(scene.views) != 1 or not frames:
+        found = f"{len(frames)} frames for {len(scene.views)} views"
+        raise SettingsError(f"{found}; wanted frames of one camera.")
+    camera = scene.views[0].camera
+    for frame in frames:
+        if (frame.file.width, frame.file.height) != (camera.width, camera.height):
+            found = f"{frame.file.name}: {frame.file.width}x{frame.file.height} px"
+            wanted = f"the camera is for {camera.width}x{camera.height} px"
+            raise SettingsError(f"{found}, and {wanted}; give frames of one size.")
+    return show_frame(replace(scene, frames=tuple(frames)), 0)
+
+
+def show_frame(scene: Scene, frame_index: int) -> Scene:
+    """Show another frame. An object without a pose there stays where it is, without a result."""
+    frame = scene.frames[frame_index]
+    objects = []
+    for item in scene.objects:
+        known = frame.poses.get(item.id)
+        place = item.world_from_model if known is None else known.world_from_model
+        result = None if known is None else known.result
+        objects.append(replace(item, world_from_model=place, start=None, result=result))
+    # A new handle: frames that were shown do not stay in memory.
+    view = replace(scene.views[0], file=replace(frame.file))
+    return replace(scene, views=(view,), objects=tuple(objects), frame_index=frame_index)
+
+
+def key_indices(scene: Scene, object_id: str) -> list[int]:
+    """Return the indices of the frames in which an object has a key."""
+    poses = (frame.poses.get(object_id) for frame in scene.frames)
+    return [index for index, pose in enumerate(poses) if pose and pose.source == "key"]
+
+
+def store_poses(scene: Scene, poses: Mapping[int, Mapping[str, FramePose]]) -> Scene:
+    """Store propagated poses, by frame and by object's id; keys and locked objects stay.
+
+    The frame that is shown shows its new poses.
+    """
+    locked = {item.id for item in scene.objects if item.locked}
+    frames = list(scene.frames)
+    for index, by_object in poses.items():
+        kept = frames[index].poses
+        keys = {name for name, pose in kept.items() if pose.source == "key"}
+        new = {name: by_object[name] for name in by_object if name not in keys | locked}
+        frames[index] = replace(frames[index], poses={**kept, **new})
+    scene = replace(scene, frames=tuple(frames))
+    return show_frame(scene, scene.frame_index) if scene.frame_index in poses else scene
+
+
+def store_key(scene: Scene, object_index: int) -> Scene:
+    """Make a key of an object's pose in the frame that is shown.
+
+    The propagated poses up to the object's neighbouring keys become stale.
+    """
+    item, shown = scene.objects[object_index], scene.frame_index
+    key = FramePose(world_from_model=item.world_from_model, result=item.result)
+    return _with_key(scene, item.id, shown, key)
+
+
+def remove_key(scene: Scene, object_index: int) -> Scene:
+    """Remove an object's pose in the frame that is shown; what was propagated from it is stale."""
+    return _with_key(scene, scene.objects[object_index].id, scene.frame_index, None)
+
+
+def remove_propagated(scene: Scene, object_id: str, first: int, last: int) -> Scene:
+    """Remove an object's propagated poses in the frames ``first`` to ``last``; keys stay."""
+
+    def without(pose: FramePose) -> FramePose | None:
+        return pose if pose.source == "key" else None
+
+    return show_frame(_change(scene, object_id, first, last, without), scene.frame_index)
+
+
+def neighbouring_keys(scene: Scene, object_id: str, frame_index: int) -> tuple[int, int]:
+    """Return the frames of the keys before and after a frame; -1 and the number of frames where
+    there is none.
+    """
+    keys = key_indices(scene, object_id)
+    before = max((key for key in keys if key < frame_index), default=-1)
+    return before, min((key for key in keys if key > frame_index), default=len(scene.frames))
+
+
+def _with_key(scene: Scene, object_id: str, shown: int, key: FramePose | None) -> Scene:
+    before, after = neighbouring_keys(scene, object_id, shown)
+    scene = _change(
+        scene, object_id, before + 1, after - 1,
+        lambda pose: pose if pose.source == "key" else replace(pose, is_stale=True),
+    )  # fmt: skip
+    frame = scene.frames[shown]
+    poses = {name: pose for name, pose in frame.poses.items() if name != object_id}
+    poses |= {} if key is None else {object_id: key}
+    frames = (*scene.frames[:shown], replace(frame, poses=poses), *scene.frames[shown + 1 :])
+    return replace(scene, frames=frames)
+
+
+def _change(
+    scene: Scene,
+    object_id: str,
+    first: int,
+    last: int,
+    change: Callable[[FramePose], FramePose | None],
+) -> Scene:
+    """Change or remove an object's poses in the frames ``first`` to ``last``."""
+    frames = list(scene.frames)
+    for index in range(max(first, 0), min(last + 1, len(frames))):
+        pose = frames[index].poses.get(object_id)
+        if pose is not None:
+            changed = change(pose)
+            poses = {n: p for n, p in frames[index].poses.items() if n != object_id}
+            poses |= {} if changed is None else {object_id: changed}
+            frames[index] = replace(frames[index], poses=poses)
+    return replace(scene, frames=tuple(frames))
