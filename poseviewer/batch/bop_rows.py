@@ -5,21 +5,25 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from poseviewer.batch.job_table import Job, with_keys
-from poseviewer.batch.result_folder import Batch, Row
+from poseviewer.batch.result_folder import ACCEPTED, MENDED, Batch, Row
 from poseviewer.errors import BatchError
 from poseviewer.files.formats.bop import (
     CAMERAS,
     MODEL_FILE,
     MODEL_NAME,
     PHOTO_NAME,
+    POSES,
     BopImage,
     BopObject,
+    SceneFile,
     load_bop_images,
     load_scene_file,
     same_intrinsics,
     save_bop_images,
+    save_scene_files,
 )
 from poseviewer.files.pose import PoseRecord, load_pose, save_pose
 from poseviewer.files.writing import make_folder
@@ -86,17 +90,38 @@ def _save_start(out: Path, image: BopImage, posed: BopObject, instance: int) -> 
 
 
 def save_bop_poses(batch: Batch, rows: Sequence[Row]) -> None:
-    """Write the poses of a BOP scene's rows, in mm, and the scene's cameras as a BOP scene."""
+    """Write the poses of a BOP scene's rows, in mm, and the scene's cameras as a BOP scene.
+
+    An audit changes accepted poses alone; the rest is the given scene as it is.
+    """
     if batch.scene is None:
+        return
+    cameras = load_scene_file(Path(batch.scene) / CAMERAS)
+    if batch.is_audit:
+        given = load_scene_file(Path(batch.scene) / POSES)
+        for row in rows:
+            if row.result.review in (ACCEPTED, MENDED):
+                _entry_of(given, row.job).update(_bop_object(batch, row).as_json())
+        save_scene_files(batch.folder, cameras, given)
         return
     poses: dict[int, list[BopObject]] = defaultdict(list)
     for row in rows:
         if row.result.pose:
-            pose = load_pose(batch.folder / row.result.pose, 1, 1).pose
-            number = _number(MODEL_NAME, row.job.model)
-            posed = BopObject(number, pose.camera_from_model)
-            poses[_number(PHOTO_NAME, row.job.photo)].append(posed)
-    save_bop_images(batch.folder, load_scene_file(Path(batch.scene) / CAMERAS), dict(poses))
+            poses[_number(PHOTO_NAME, row.job.photo)].append(_bop_object(batch, row))
+    save_bop_images(batch.folder, cameras, dict(poses))
+
+
+def _bop_object(batch: Batch, row: Row) -> BopObject:
+    pose = load_pose(batch.folder / row.result.pose, 1, 1).pose
+    return BopObject(_number(MODEL_NAME, row.job.model), pose.camera_from_model)
+
+
+def _entry_of(poses: SceneFile, job: Job) -> dict[str, Any]:
+    """Return the entry of ``scene_gt.json`` that a job starts from, by the name of its start."""
+    image, number, *instance = map(int, Path(job.start).stem.split("-"))
+    entries = next(own for name, own in poses.items() if int(name) == image)
+    same = [entry for entry in entries if entry["obj_id"] == number]
+    return same[instance[0] - 1 if instance else 0]
 
 
 def require_scene_camera(batch: Batch, photo: str, camera: Camera) -> None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from poseviewer.batch.audit import load_given_jobs
 from poseviewer.batch.bop_rows import load_scene_jobs, save_bop_poses
 from poseviewer.batch.html_report import save_report
 from poseviewer.batch.job_table import Job, load_jobs
@@ -42,16 +43,18 @@ def open_batch(
     mask: Path | None = None,
     models: Path | None = None,
     objects: Sequence[int] = (),
+    is_audit: bool = False,
 ) -> Batch:
     """Read a table or a BOP scene, and make the folder of results.
 
     Args:
-        table: table of jobs, or folder of a BOP scene.
+        table: table of jobs, or folder of a BOP scene; in an audit also of a batch's results.
         folder: folder of the results.
         settings: settings of the fits.
         mask: mask of every photo.
         models: folder of a BOP scene's models.
         objects: numbers of a BOP scene's objects to fit; empty: all with poses.
+        is_audit: whether the starts are given poses, to be compared with those found.
 
     Raises:
         BatchError: the table or scene has no rows, or the folder cannot be used.
@@ -59,21 +62,26 @@ def open_batch(
     table = Path(table)
     folder = Path(folder).resolve()
     scene = None
-    if table.is_dir():
+    is_batch = is_audit and (table / MANIFEST).exists()
+    if table.is_dir() and not is_batch:
         scene = str(table.resolve())
         jobs = load_scene_jobs(table.resolve(), folder, settings, models, objects)
     elif models is not None or objects:
         raise BatchError(
-            f"models or objects with {table.name}, which is a table: they are for the folder of a "
-            "BOP scene; leave them out, or name such a folder."
+            f"models or objects with {table.name}, which is a {'batch' if is_batch else 'table'}: "
+            "they are for the folder of a BOP scene; leave them out, or name such a folder."
         )
+    elif is_batch:
+        jobs = load_given_jobs(table.resolve(), settings)
     else:
         jobs = load_jobs(table, settings)
     if folder.exists() and folder.samefile(scene or table):
-        raise BatchError(f"{folder}: is the BOP scene itself; name another folder for the results.")
+        raise BatchError(f"{folder}: is what is read; name another folder for the results.")
+    if is_audit:  # the same rows of a batch have other results
+        jobs = tuple(replace(job, key=f"audit-{job.key}") for job in jobs)
     for name in (TABLE, REPORT, MANIFEST):
         require_replaceable(folder / name, BatchError)
-    batch = Batch(folder, jobs, settings, scene, mask.resolve() if mask else None)
+    batch = Batch(folder, jobs, settings, scene, mask.resolve() if mask else None, is_audit)
     for name in (ROWS, POSES, PICTURES):
         make_folder(folder / name, BatchError)
     with lock_folder(folder):
