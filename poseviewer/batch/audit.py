@@ -4,7 +4,10 @@ An audit is a batch whose starts are the given poses. Its review accepts the pos
 the given one.
 """
 
+import csv
+from collections.abc import Sequence
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +15,18 @@ import cv2
 import numpy as np
 
 from poseviewer.api import FitResult
-from poseviewer.batch.job_table import Job, with_keys
-from poseviewer.batch.result_folder import MOVED, REJECTED, UNEXPLAINED, load_batch
+from poseviewer.batch.job_table import COLUMNS, Job, with_keys
+from poseviewer.batch.result_folder import (
+    MOVED,
+    REJECTED,
+    UNEXPLAINED,
+    Batch,
+    Row,
+    load_batch,
+)
 from poseviewer.confidence.pose_covariance import PINV, PoseCovariance
 from poseviewer.errors import BatchError
+from poseviewer.files.writing import write_whole
 from poseviewer.fit.judge import judge_end
 from poseviewer.fit.progress import FitProgress
 from poseviewer.geometry.camera import Pose
@@ -25,6 +36,8 @@ from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.overlay.styles import ModelInPhoto, Picture, draw_style
 from poseviewer.scene.settings import FitSettings
 
+AUDITED = "audited.csv"
+"""File of the table of jobs from given or, where accepted, found poses."""
 MIN_MOVED_PERCENT = 1.0
 """Move in % of the object's size up to which a given pose is never listed."""
 MIN_MOVED_DEVIATIONS = 5.0
@@ -47,6 +60,19 @@ def load_given_jobs(results: Path, settings: FitSettings) -> tuple[Job, ...]:
         raise BatchError(f"{results}: no row of the batch has a pose; nothing to audit.")
     jobs = [replace(row.job, start=str(results / row.result.pose), box="") for row in rows]
     return with_keys(jobs, settings)
+
+
+def save_audited_jobs(batch: Batch, rows: Sequence[Row]) -> None:
+    """Write ``AUDITED``, with the accepted poses in place of given ones."""
+    text = StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(COLUMNS)
+    for row in rows:
+        files = [row.job.path(name) for name in (row.job.photo, row.job.model, row.job.start)]
+        if row.result.is_accepted:
+            files[-1] = batch.folder / row.result.pose
+        table.writerow(files)
+    write_whole(batch.folder / AUDITED, text.getvalue().encode(), BatchError)
 
 
 def audit_numbers(fit: FitResult) -> dict[str, Any]:

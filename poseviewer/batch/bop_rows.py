@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from poseviewer.batch.job_table import Job, with_keys
-from poseviewer.batch.result_folder import ACCEPTED, MENDED, Batch, Row
+from poseviewer.batch.result_folder import Batch, Row
 from poseviewer.errors import BatchError
 from poseviewer.files.formats.bop import (
     CAMERAS,
@@ -100,7 +100,7 @@ def save_bop_poses(batch: Batch, rows: Sequence[Row]) -> None:
     if batch.is_audit:
         given = load_scene_file(Path(batch.scene) / POSES)
         for row in rows:
-            if row.result.review in (ACCEPTED, MENDED):
+            if row.result.is_accepted:
                 _entry_of(given, row.job).update(_bop_object(batch, row).as_json())
         save_scene_files(batch.folder, cameras, given)
         return

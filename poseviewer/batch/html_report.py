@@ -43,7 +43,7 @@ def save_report(folder: Path, rows: Sequence[Row]) -> None:
     failed = sum(row.result.failed for row in rows)
     is_audit = any(row.result.given_verdict for row in rows)
     rejected = sum(row.result.is_rejected for row in rows)
-    accepted = sum(bool(row.result.review) for row in rows) - rejected
+    accepted = sum(row.result.is_accepted for row in rows)
     no = "kept" if is_audit else "rejected"
     counts = f" {accepted} accepted and {rejected} {no} by a person, which are last."
     reviewed = counts if accepted or rejected else ""

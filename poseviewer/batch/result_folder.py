@@ -111,6 +111,11 @@ class JobResult:
         return bool(self.reason)
 
     @property
+    def is_accepted(self) -> bool:
+        """Whether a person accepts the pose, as it was found or corrected."""
+        return self.review in (ACCEPTED, MENDED)
+
+    @property
     def is_rejected(self) -> bool:
         """Whether a person rejects the pose found; in an audit the given one is kept."""
         return self.review in (REJECTED, KEPT)

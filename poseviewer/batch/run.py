@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from poseviewer.batch.audit import load_given_jobs
+from poseviewer.batch.audit import load_given_jobs, save_audited_jobs
 from poseviewer.batch.bop_rows import load_scene_jobs, save_bop_poses
 from poseviewer.batch.html_report import save_report
 from poseviewer.batch.job_table import Job, load_jobs
@@ -115,9 +115,11 @@ def run_batch(
 
 
 def save_summaries(batch: Batch) -> list[Row]:
-    """Write the table, the report and a BOP scene of all results; return the rows."""
+    """Write table and report, and a BOP scene or an audit's table of jobs; return the rows."""
     rows = batch.rows()
     save_table(batch.folder, rows)
     save_report(batch.folder, rows)
     save_bop_poses(batch, rows)
+    if batch.is_audit and batch.scene is None:
+        save_audited_jobs(batch, rows)
     return rows

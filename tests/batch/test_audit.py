@@ -155,6 +155,12 @@ def test_poses_of_a_batch_are_audited_but_rejected_ones(scene: Scene, tmp_path: 
     (row,) = batch.rows()
     assert row.result.given_verdict
     assert not (tmp_path / "audit/scene_gt.json").exists()
+    chosen = {REJECTED: job.path(job.start), ACCEPTED: batch.folder / row.result.pose}
+    queue = review.load_queue(tmp_path / "audit")
+    for decision, pose in chosen.items():
+        save_summaries(review.decide(queue, 0, decision).batch)
+        (line,) = read_rows(tmp_path / "audit/audited.csv")
+        assert (line["photo"], line["start"]) == (str(job.path(job.photo)), str(pose))
 
 
 def test_a_batch_and_an_audit_of_the_same_rows_do_not_mix(scene: Scene, tmp_path: Path) -> None:

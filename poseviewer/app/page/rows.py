@@ -74,7 +74,7 @@ def rows_list(queue: ReviewQueue, at: int | None) -> str:
     drawn = "".join(_row(queue.batch.folder, rows[i], i, i == at) for i in range(first, end))
     rejected = sum(row.result.is_rejected for row in rows)
     no = KEPT if queue.batch.is_audit else REJECTED
-    accepted = sum(bool(row.result.review) for row in rows) - rejected
+    accepted = sum(row.result.is_accepted for row in rows)
     shown = "" if end - first == len(rows) else f", {first + 1} to {end} are listed"
     said = f"{len(rows)} rows, {accepted} accepted, {rejected} {no}{shown}"
     return f'<div class="pv-counts">{said}</div><div class="pv-rows">{drawn}</div>'
