@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from poseviewer.api import FitResult
+from poseviewer.batch.bop_rows import STARTS, save_start
 from poseviewer.batch.job_table import COLUMNS, Job, with_keys
 from poseviewer.batch.result_folder import (
     MOVED,
@@ -26,7 +27,9 @@ from poseviewer.batch.result_folder import (
 )
 from poseviewer.confidence.pose_covariance import PINV, PoseCovariance
 from poseviewer.errors import BatchError
-from poseviewer.files.writing import write_whole
+from poseviewer.files.pose import load_pose
+from poseviewer.files.scene_json import as_saved, load_scene, pose_json, save_scene
+from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.fit.judge import judge_end
 from poseviewer.fit.progress import FitProgress
 from poseviewer.geometry.camera import Pose
@@ -34,6 +37,7 @@ from poseviewer.geometry.mesh import hull_in_photo
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.overlay.styles import ModelInPhoto, Picture, draw_style
+from poseviewer.scene.frames import show_frame, store_key
 from poseviewer.scene.settings import FitSettings
 
 AUDITED = "audited.csv"
@@ -62,8 +66,38 @@ def load_given_jobs(results: Path, settings: FitSettings) -> tuple[Job, ...]:
     return with_keys(jobs, settings)
 
 
-def save_audited_jobs(batch: Batch, rows: Sequence[Row]) -> None:
-    """Write ``AUDITED``, with the accepted poses in place of given ones."""
+def load_frame_jobs(path: Path, out: Path, settings: FitSettings) -> tuple[Job, ...]:
+    """Make rows of the poses in a sequence's frames, and save these poses in ``out``.
+
+    Raises:
+        BatchError: there is none.
+    """
+    scene, jobs = load_scene(path), list[Job]()
+    make_folder(out / STARTS, BatchError)
+    for number, frame in enumerate(scene.frames):
+        shown = show_frame(scene, number)
+        for index, item in enumerate(shown.objects):
+            if item.id in frame.poses:
+                start = out / STARTS / f"{number:06d}-{index}.json"
+                save_start(start, pose_json(as_saved(shown), index), shown.mask(index))
+                files = map(str, (frame.file.location, item.model.location, start))
+                jobs.append(Job(len(jobs) + 1, *files, str(path.parent)))
+    if not jobs:
+        raise BatchError(f"{path.name}: no pose in a frame of it; name the scene of a sequence.")
+    return with_keys(jobs, settings)
+
+
+def save_audited(batch: Batch, rows: Sequence[Row]) -> None:
+    """Write ``AUDITED``, and the scene of a sequence, with the accepted poses for given ones."""
+    if batch.sequence is not None:
+        scene = given = load_scene(batch.sequence)
+        width, height = given.views[0].file.width, given.views[0].file.height
+        for row in (row for row in rows if row.result.is_accepted):
+            number, index = map(int, Path(row.job.start).stem.split("-"))
+            pose = load_pose(batch.folder / row.result.pose, width, height).pose
+            scene = store_key(show_frame(scene, number).with_pose(index, pose), index)
+        scene = show_frame(scene, given.frame_index)
+        save_scene(batch.folder / Path(batch.sequence).name, as_saved(scene))
     text = StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(COLUMNS)

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from msgspec import structs
+
 from poseviewer.batch.job_table import Job, with_keys
 from poseviewer.batch.result_folder import Batch, Row
 from poseviewer.errors import BatchError
@@ -16,7 +18,6 @@ from poseviewer.files.formats.bop import (
     MODEL_NAME,
     PHOTO_NAME,
     POSES,
-    BopImage,
     BopObject,
     SceneFile,
     load_bop_images,
@@ -25,9 +26,11 @@ from poseviewer.files.formats.bop import (
     save_bop_images,
     save_scene_files,
 )
-from poseviewer.files.pose import PoseRecord, load_pose, save_pose
-from poseviewer.files.writing import make_folder
+from poseviewer.files.masks import mask_as_png, mask_path
+from poseviewer.files.pose import PoseRecord, load_pose, pose_bytes
+from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.camera import Camera, Perspective, Pose
+from poseviewer.geometry.mask import Mask
 from poseviewer.scene.settings import FitSettings
 
 STARTS = "starts"
@@ -67,7 +70,10 @@ def load_scene_jobs(
             number = posed.object_id
             if objects and number not in objects:
                 continue
-            start = os.path.relpath(_save_start(out, image, posed, instances[number]), scene)
+            more = f"-{instances[number] + 1}" if instances[number] else ""
+            path = out / STARTS / f"{image.number:06d}-{number:06d}{more}.json"
+            save_start(path, PoseRecord.of(Pose(image.camera, posed.camera_from_model)))
+            start = os.path.relpath(path, scene)
             instances[number] += 1
             model = str(relative / MODEL_FILE.format(number))
             jobs.append(Job(len(jobs) + 1, image.photo, model, start, str(scene)))
@@ -76,17 +82,15 @@ def load_scene_jobs(
     return with_keys(jobs, settings)
 
 
-def _save_start(out: Path, image: BopImage, posed: BopObject, instance: int) -> Path:
-    """Save a start pose; an unchanged file keeps its time."""
-    more = f"-{instance + 1}" if instance else ""
-    path = out / STARTS / f"{image.number:06d}-{posed.object_id:06d}{more}.json"
-    new = out / STARTS / ".new.json"
-    save_pose(new, PoseRecord.of(Pose(image.camera, posed.camera_from_model)))
-    if path.is_file() and path.read_bytes() == new.read_bytes():
-        new.unlink()
-    else:
-        new.replace(path)
-    return path
+def save_start(path: Path, record: PoseRecord, mask: Mask | None = None) -> None:
+    """Save a start pose with its mask; an unchanged pose file keeps its time."""
+    if mask is not None:
+        beside = mask_path(path)
+        write_whole(beside, mask_as_png(mask), BatchError, is_own=True)
+        record = structs.replace(record, mask=beside.name)
+    data = pose_bytes(path, record)
+    if not path.is_file() or path.read_bytes() != data:
+        write_whole(path, data, BatchError, is_own=True)
 
 
 def save_bop_poses(batch: Batch, rows: Sequence[Row]) -> None:

@@ -150,6 +150,8 @@ class Batch:
     """Mask of every photo; not in ``batch.json``."""
     is_audit: bool = False
     """Whether the starts are given poses, to be compared with those found."""
+    sequence: str | None = None
+    """Scene file of a sequence whose poses are audited, absolute; None: they are of no sequence."""
 
     def rows(self) -> list[Row]:
         """Read the rows that have a result, in their order."""
@@ -172,6 +174,7 @@ class Manifest(Struct, kw_only=True):
     settings: dict[str, Any]
     jobs: tuple[Job, ...]
     audit: bool = False
+    sequence: str | None = None
 
 
 def standard_deviations(covariance: PoseCovariance | None) -> dict[str, Any]:
@@ -284,8 +287,8 @@ def _as_text(value: Any) -> Any:
 def save_batch(batch: Batch) -> None:
     """Write ``batch.json``."""
     settings = settings_as_json(batch.settings)
-    shared = {"scene": batch.scene, "jobs": batch.jobs, "audit": batch.is_audit}
-    manifest = Manifest(settings=settings, **shared)
+    shared = {"scene": batch.scene, "jobs": batch.jobs, "sequence": batch.sequence}
+    manifest = Manifest(settings=settings, audit=batch.is_audit, **shared)
     data = msgspec.to_builtins(manifest)
     write_json(batch.folder / MANIFEST, data, BatchError, indent=1)
 
@@ -306,4 +309,5 @@ def load_batch(folder: Path) -> Batch:
             "again, what is done is not done twice."
         ) from None
     settings = settings_from_json(manifest.settings)
-    return Batch(folder, manifest.jobs, settings, manifest.scene, is_audit=manifest.audit)
+    known = {"is_audit": manifest.audit, "sequence": manifest.sequence}
+    return Batch(folder, manifest.jobs, settings, manifest.scene, **known)

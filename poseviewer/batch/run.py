@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from poseviewer.batch.audit import load_given_jobs, save_audited_jobs
+from poseviewer.batch.audit import load_frame_jobs, load_given_jobs, save_audited
 from poseviewer.batch.bop_rows import load_scene_jobs, save_bop_poses
 from poseviewer.batch.html_report import save_report
 from poseviewer.batch.job_table import Job, load_jobs
@@ -27,6 +27,7 @@ from poseviewer.batch.result_folder import (
 from poseviewer.batch.run_row import run_row
 from poseviewer.cluster import run_on_cluster
 from poseviewer.errors import BatchError
+from poseviewer.files.file_set import is_scene_file
 from poseviewer.files.writing import make_folder, require_replaceable
 from poseviewer.processes import run_in_processes
 from poseviewer.render.pool import processors
@@ -48,7 +49,8 @@ def open_batch(
     """Read a table or a BOP scene, and make the folder of results.
 
     Args:
-        table: table of jobs, or folder of a BOP scene; in an audit also of a batch's results.
+        table: table of jobs, or folder of a BOP scene; in an audit also the folder of a batch's
+            results, or the scene file of a sequence.
         folder: folder of the results.
         settings: settings of the fits.
         mask: mask of every photo.
@@ -63,14 +65,17 @@ def open_batch(
     folder = Path(folder).resolve()
     scene = None
     is_batch = is_audit and (table / MANIFEST).exists()
+    is_sequence = is_audit and is_scene_file(table)
     if table.is_dir() and not is_batch:
         scene = str(table.resolve())
         jobs = load_scene_jobs(table.resolve(), folder, settings, models, objects)
     elif models is not None or objects:
         raise BatchError(
-            f"models or objects with {table.name}, which is a {'batch' if is_batch else 'table'}: "
+            f"models or objects with {table.name}, which is no BOP scene: "
             "they are for the folder of a BOP scene; leave them out, or name such a folder."
         )
+    elif is_sequence:
+        jobs = load_frame_jobs(table.resolve(), folder, settings)
     elif is_batch:
         jobs = load_given_jobs(table.resolve(), settings)
     else:
@@ -81,7 +86,9 @@ def open_batch(
         jobs = tuple(replace(job, key=f"audit-{job.key}") for job in jobs)
     for name in (TABLE, REPORT, MANIFEST):
         require_replaceable(folder / name, BatchError)
-    batch = Batch(folder, jobs, settings, scene, mask.resolve() if mask else None, is_audit)
+    sequence = str(table.resolve()) if is_sequence else None
+    given = scene, mask.resolve() if mask else None, is_audit, sequence
+    batch = Batch(folder, jobs, settings, *given)
     for name in (ROWS, POSES, PICTURES):
         make_folder(folder / name, BatchError)
     with lock_folder(folder):
@@ -121,5 +128,5 @@ def save_summaries(batch: Batch) -> list[Row]:
     save_report(batch.folder, rows)
     save_bop_poses(batch, rows)
     if batch.is_audit and batch.scene is None:
-        save_audited_jobs(batch, rows)
+        save_audited(batch, rows)
     return rows

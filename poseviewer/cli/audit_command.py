@@ -1,6 +1,7 @@
-"""Search from every given pose, of a BOP scene, a batch or a table of jobs, and list the poses that
-seem wrong: those from which the search moved farther than its pose is uncertain, and those that
-nothing explains. The same command continues an audit that was stopped; review shows it.
+"""Search from every given pose of a BOP scene, a batch, a sequence or a table of jobs, and list the
+poses that seem wrong: those from which the search moved farther than its pose is uncertain, and
+those that the photo does not explain. The same command continues an audit that was stopped; review
+shows it.
 """
 
 from argparse import Namespace
@@ -8,9 +9,9 @@ from argparse import Namespace
 from poseviewer.cli import options as table
 from poseviewer.cli.batch_command import BOP_SCENE, OUT, run_rows
 
-GIVEN = "folder of a BOP scene or of a batch's results, or table of jobs with start poses"
+GIVEN = "folder of a BOP scene or a batch's results, scene file of a sequence, or table of jobs"
 OPTIONS = {
-    "": (table.option("jobs BOP_SCENE|BATCH|JOBS.csv", GIVEN), *OUT),
+    "": (table.option("jobs BOP_SCENE|BATCH|SEQUENCE.json|JOBS.csv", GIVEN), *OUT),
     "BOP scene": BOP_SCENE,
     "comparison": table.COMPARED,
     "search": table.LIMITS,

@@ -19,12 +19,14 @@ from poseviewer.batch.run import open_batch, run_batch, save_summaries
 from poseviewer.errors import BatchError
 from poseviewer.files.formats.bop import BopObject
 from poseviewer.files.pose import load_pose
+from poseviewer.files.scene_json import as_saved, load_scene, save_scene
 from poseviewer.geometry.camera import Perspective
 from poseviewer.scene.settings import FitSettings, Limits
 from tests.batches import fit_all, write_table
 from tests.commands import read_rows, refusal, run
+from tests.files.test_scene_frames import sequence
 from tests.scene import Scene
-from tests.several import write_bop_scene
+from tests.several import make_three, write_bop_scene
 
 SHIFT = np.array([0.12, 0.08, 0.0])
 """Of a given pose, in the model's unit: 6 px of an object of 85 px."""
@@ -163,6 +165,28 @@ def test_poses_of_a_batch_are_audited_but_rejected_ones(scene: Scene, tmp_path: 
         assert (line["photo"], line["start"]) == (str(job.path(job.photo)), str(pose))
 
 
+def test_poses_of_a_sequence_are_audited(tmp_path: Path) -> None:
+    path, out = tmp_path / "sequence.json", tmp_path / "audit"
+    save_scene(path, as_saved(sequence(make_three(tmp_path))))
+    batch = open_batch(path, out, QUICK, is_audit=True)
+    assert [Path(job.photo).name for job in batch.jobs] == ["f0.png", "f1.png", "f2.png"]
+    assert open_batch(path, out, QUICK, is_audit=True).jobs == batch.jobs  # it would go on
+    fit_all(batch)
+    queue = review.load_queue(out)
+    index = next(i for i, row in enumerate(queue.rows) if row.job.row == 2)
+    save_summaries(review.decide(queue, index, ACCEPTED).batch)
+    given, audited = load_scene(path), load_scene(out / path.name)
+    name = given.objects[0].id
+    sources = [frame.poses[name].source for frame in audited.frames]
+    assert sources == ["key", "key", "propagated"]
+    found = load_pose(out / queue.rows[index].result.pose, 320, 240).pose.camera_from_model
+    for number, pose in ((0, None), (1, found), (2, None)):
+        before, after = (s.frames[number].poses[name].world_from_model for s in (given, audited))
+        wanted = before.rigid if pose is None else pose
+        np.testing.assert_allclose(after.rigid.translation, wanted.translation)
+    assert audited.frame_index == given.frame_index
+
+
 def test_a_batch_and_an_audit_of_the_same_rows_do_not_mix(scene: Scene, tmp_path: Path) -> None:
     table, out = write_table(scene, tmp_path, 1), tmp_path / "out"
     fit_all(open_batch(table, out, QUICK))
@@ -180,7 +204,7 @@ def test_what_cannot_be_audited_is_said(scene: Scene, audited: Path, tmp_path: P
     with pytest.raises(BatchError, match="no row of the batch has a pose"):
         open_batch(results, tmp_path / "out", QUICK, is_audit=True)
     said = refusal(capsys, "audit", audited / "audit", "--objects", "5", "--out", tmp_path / "out")
-    assert "which is a batch" in said
+    assert "which is no BOP scene" in said
     said = refusal(capsys, "audit", audited / "audit", "--out", audited / "audit")
     assert "is what is read" in said
     (result,) = run_batch(replace(batch, is_audit=True), batch.jobs, processes=1)
