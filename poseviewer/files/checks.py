@@ -220,6 +220,9 @@ class InputFile:
                 raise self.error(f"{where}{found}".lstrip("."), wanted) from None
             value: Any = data
             for key in KEY.findall(place):
+                if key == "..." and isinstance(value, dict):  # any entry of a map
+                    value = next(iter(value.values()))
+                    continue
                 value = value.get(key) if isinstance(value, dict) else value[int(key)]
             wanted = "one of those in the file's schema"
             if said.startswith("Expected"):

@@ -1,7 +1,7 @@
 """Photos and models of a scene: read now, or when first asked for."""
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 from poseviewer.errors import PoseFileError, printable
@@ -40,18 +40,25 @@ def view_of_file(
     if isinstance(lens, Lens) and isinstance(camera, Perspective):
         undone = Undistortion.of(lens, camera)
     size = camera.width, camera.height
-
-    @cache
-    def read() -> Photo:
-        photo = load_photo(path)
-        if size not in ((0, 0), (photo.width, photo.height)):
-            found = f"{photo.width}x{photo.height} px, and its camera is for {size[0]}x{size[1]} px"
-            wanted = "name the photo that the camera was found with"
-            raise PoseFileError(f"{photo.name}: {found}; {wanted}.")
-        return photo if undone is None else undistort_photo(photo, undone)
-
+    read = cache(partial(_read, path, size, undone))
     file = PhotoFile(path, printable(path.name), *size, sha256, undone, read=read)
     return View(file, camera, camera_from_world, mask)
+
+
+def frame_file(path: Path, view: View, sha256: str | None = None) -> PhotoFile:
+    """Name another photo of a view's camera and lens; each handle of it reads the file anew."""
+    size, undone = (view.camera.width, view.camera.height), view.file.undistortion
+    read = partial(_read, path, size, undone)
+    return PhotoFile(path, printable(path.name), *size, sha256, undone, read=read)
+
+
+def _read(path: Path, size: tuple[int, int], undone: Undistortion | None) -> Photo:
+    photo = load_photo(path)
+    if size not in ((0, 0), (photo.width, photo.height)):
+        found = f"{photo.width}x{photo.height} px, and its camera is for {size[0]}x{size[1]} px"
+        wanted = "name the photo that the camera was found with"
+        raise PoseFileError(f"{photo.name}: {found}; {wanted}.")
+    return photo if undone is None else undistort_photo(photo, undone)
 
 
 def with_photo(view: View, path: Path, sha256: str | None = None) -> View:

@@ -6,7 +6,7 @@ writes, made here from the type's fields. Paths in files start from the scene's 
 
 import os
 from base64 import b64decode
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields, is_dataclass, replace
 from functools import cache, reduce
 from importlib.metadata import version
@@ -21,11 +21,11 @@ from msgspec import Meta, Struct, defstruct, structs
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.errors import PoseFileError, printable
 from poseviewer.files import structs as s
-from poseviewer.files.checks import InputFile, is_there
+from poseviewer.files.checks import MAX_DATA_BYTES, InputFile, is_there
 from poseviewer.files.masks import INLINE, load_mask, mask_text
 from poseviewer.files.mesh.named import bare_name
 from poseviewer.files.pose import PoseRecord
-from poseviewer.files.scene_assets import model_file, view_of_file
+from poseviewer.files.scene_assets import frame_file, model_file, view_of_file
 from poseviewer.files.symmetry import SymmetryTurns
 from poseviewer.files.writing import json_bytes, write_whole
 from poseviewer.geometry.camera import Camera
@@ -33,11 +33,13 @@ from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.symmetry_group import NO_SYMMETRY, Symmetry
 from poseviewer.geometry.transform import RigidTransform, Similarity
-from poseviewer.scene.assets import ModelFile
+from poseviewer.scene.assets import ModelFile, PhotoFile
 from poseviewer.scene.settings import FitSettings, settings_as_json, settings_from_json
 from poseviewer.scene.types import (
     DEFAULTS,
     ChartParameters,
+    Frame,
+    FramePose,
     InView,
     Scene,
     SceneObject,
@@ -61,6 +63,11 @@ class PhotoPath(Struct, frozen=True, omit_defaults=True):
     width: s.Pixels
     height: s.Pixels
     sha256: s.Sha256 | None = None
+
+    @classmethod
+    def of(cls, file: PhotoFile) -> "PhotoPath":
+        """The form of a photo."""
+        return cls(str(file.path or file.name), file.width, file.height, file.sha256)
 
 
 class ModelPath(Struct, frozen=True, omit_defaults=True):
@@ -96,7 +103,7 @@ class ViewJson(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
         """The form of a view."""
         file, undistortion = view.file, view.file.undistortion
         return cls(
-            photo=PhotoPath(str(file.path or file.name), file.width, file.height, file.sha256),
+            photo=PhotoPath.of(file),
             projection=s.projection_of(view.camera), numbers=s.CameraNumbers.of(view.camera),
             distortion=undistortion and s.Distortion.of(undistortion),
             camera_from_world=s.Transform.of(view.camera_from_world), mask=mask_text(view.mask),
@@ -142,6 +149,8 @@ FORMS: dict[Any, JsonForm] = {
     Mask: JsonForm(str, mask_text, load_mask),
     ModelFile: JsonForm(
         ModelPath, ModelPath.of, lambda form: model_file(Path(form.file), form.sha256, form.unit)),
+    # A frame's photo has the lens of the view, which ``_complete`` gives it.
+    PhotoFile: JsonForm(PhotoPath, PhotoPath.of, _same),
     # A covariance is one about a pose, which ``_complete`` gives it.
     PoseCovariance: JsonForm(s.Uncertainty, s.Uncertainty.of, _same),
     Rectangle: JsonForm(Region, lambda own: tuple(map(float, own)), lambda form: Rectangle(*form)),
@@ -167,10 +176,14 @@ DESCRIPTIONS: dict[type, str] = {
         placed by the user, searches leave it; placed: whether anybody has said where it is;
         without: names of the model's parts that are left out; symmetry: as in pose files; note: the
         user's.""",
+    Frame: """A photo of a sequence, by the view's camera and lens: its time stamp from the first
+        frame (s), and the objects' poses by their ids; an object without a pose is left out.""",
+    FramePose: """Pose of an object in a frame: key, placed by the user, or propagated from keys;
+        stale: a key has changed since; result: as of an object.""",
     Scene: """Views times objects; without objects, a set of photos. Camera axes are OpenCV's (x
         right, y down, z forward); pixel centres are at integers; paths start from the scene's
         folder. unit: of the world; free_scale: nothing tells the world's unit in the model's, it is
-        to be searched for.""",
+        to be searched for; frames: of a sequence, of which the only view shows frame_index.""",
 }
 HEADS: dict[type, list[tuple[str, Any, Any]]] = {
     Scene: [("format", Literal["poseviewer-scene"], s.SCENE), ("version", Literal[2], VERSION)]
@@ -196,6 +209,13 @@ def form_of(kind: Any) -> JsonForm:
             return lambda values: tuple(map(change, values))
 
         return JsonForm(tuple[inner.kind, ...], each(inner.encode), each(inner.decode))
+    if origin is Mapping and parts[1] is not Any:
+        inner = form_of(parts[1])
+
+        def by_key(change: Callable[[Any], Any]) -> Callable[[Any], Any]:
+            return lambda values: {key: change(value) for key, value in values.items()}
+
+        return JsonForm(dict[str, inner.kind], by_key(inner.encode), by_key(inner.decode))
     if origin in (Union, UnionType) and NoneType in parts:
         inner = form_of(reduce(or_, (part for part in parts if part is not NoneType)))
 
@@ -215,6 +235,8 @@ def _form_of_fields(kind: Any) -> JsonForm:
             continue
         form = forms[item.name] = form_of(hints[item.name])
         default = {} if item.default is MISSING else {"default": form.encode(item.default)}
+        if item.default_factory is not MISSING:
+            default = {"default_factory": item.default_factory}
         made.append((item.name, form.kind, msgspec.field(name=key, **default)))
     struct = defstruct(
         f"{kind.__name__}Json", [*HEADS.get(kind, []), *made], kw_only=True, frozen=True,
@@ -247,13 +269,25 @@ def _complete(scene: Scene) -> Scene:
             replace(camera, width=view.file.width, height=view.file.height)
             for camera, view in zip(item.start_cameras, scene.views, strict=False)
         )
-        result = item.result
-        if result is not None and isinstance(result.covariance, s.Uncertainty):
-            at = min(result.view, len(scene.views) - 1)
-            covariance = result.covariance.about(scene.views[at].pose(item.world_from_model))
-            result = replace(result, view=at, covariance=covariance)
+        result = _about(scene, item)
         objects.append(replace(item, start_cameras=cameras, result=result))
-    return replace(scene, objects=tuple(objects))
+    frames = []
+    for frame in scene.frames:
+        photo: Any = frame.file
+        file = frame_file(Path(photo.file), scene.views[0], photo.sha256)
+        poses = {name: replace(own, result=_about(scene, own)) for name, own in frame.poses.items()}
+        frames.append(replace(frame, file=file, poses=poses))
+    return replace(scene, objects=tuple(objects), frames=tuple(frames))
+
+
+def _about(scene: Scene, item: SceneObject | FramePose) -> SearchResult | None:
+    """The result with its covariance about the pose in its view."""
+    result = item.result
+    if result is None or not isinstance(result.covariance, s.Uncertainty):
+        return result
+    at = min(result.view, len(scene.views) - 1)
+    covariance = result.covariance.about(scene.views[at].pose(item.world_from_model))
+    return replace(result, view=at, covariance=covariance)
 
 
 def load_scene(path: str | Path, inside: Path | None = None) -> Scene:
@@ -264,7 +298,7 @@ def load_scene(path: str | Path, inside: Path | None = None) -> Scene:
             there or not ``inside``.
         PoseViewerError: a mask cannot be used; settings make no sense.
     """
-    file = InputFile(Path(path).absolute(), kind=KIND)
+    file = InputFile(Path(path).absolute(), kind=KIND, largest=MAX_DATA_BYTES)
 
     def find(name: str, what: str) -> str:
         full, wanted = file.path.parent / name, "drop one folder of the scene with all its files"
@@ -291,11 +325,18 @@ def _with_files(form: Any, name: Named, name_inline: Named | None = None) -> Any
         change = name_inline if mask and mask.startswith(INLINE) else name
         return change(mask, f"{where}.mask") if mask and change else mask
 
+    def rename_photo(photo: Any, where: str) -> Any:
+        return structs.replace(photo, file=name(photo.file, f"{where}.photo.file"))
+
     views, objects = [], []
     for number, view in enumerate(form.views):
         where = f"views[{number}]"
-        photo = structs.replace(view.photo, file=name(view.photo.file, f"{where}.photo.file"))
+        photo = rename_photo(view.photo, where)
         views.append(structs.replace(view, photo=photo, mask=rename(view.mask, where)))
+    frames = (
+        structs.replace(frame, file=rename_photo(frame.file, f"frames[{number}]"))
+        for number, frame in enumerate(form.frames)
+    )
     for number, item in enumerate(form.objects):
         where = f"objects[{number}]"
         model = structs.replace(item.model, file=name(item.model.file, f"{where}.model.file"))
@@ -304,14 +345,16 @@ def _with_files(form: Any, name: Named, name_inline: Named | None = None) -> Any
             for index, own in enumerate(item.in_views)
         )
         objects.append(structs.replace(item, model=model, in_views=in_views))
-    return structs.replace(form, views=tuple(views), objects=tuple(objects))
+    return structs.replace(form, views=tuple(views), objects=tuple(objects), frames=tuple(frames))
 
 
 def as_saved(scene: Scene, *, canonical: bool = True) -> Scene:
     """Return the scene as files have it: occlusion is in the masks, starts are left out.
 
-    A pose of a symmetric model is a ``canonical`` one of those that show the same.
+    A pose of a symmetric model is a ``canonical`` one of those that show the same. In a sequence it
+    stays, as the motion between frames has to, and occlusion is left out: masks are for all frames.
     """
+    canonical = canonical and not scene.frames
     objects = tuple(_object_as_saved(scene, i, canonical) for i in range(len(scene.objects)))
     return replace(scene, objects=objects, software=SOFTWARE)
 
@@ -327,7 +370,7 @@ def _object_as_saved(scene: Scene, index: int, canonical: bool) -> SceneObject:
     in_views = []
     for number, own in enumerate(item.in_views or [InView()] * len(scene.views)):
         hidden = result.hidden[number] if result and result.hidden else None
-        if hidden is not None:
+        if hidden is not None and not scene.frames:
             weights = ~hidden if own.mask is None else own.mask.weights * ~hidden
             own = replace(own, mask=Mask.of(weights))
         in_views.append(own)
@@ -378,7 +421,8 @@ def scene_contents(path: Path, scene: Scene) -> dict[Path, bytes]:
         return picture.name
 
     data = _with_files(form, name, beside)
-    contents[path] = json_bytes(path, data, PoseFileError, format=s.SCENE, version=VERSION)
+    first = {"format": s.SCENE, "version": VERSION}
+    contents[path] = json_bytes(path, data, PoseFileError, rows="frames", **first)
     return contents
 
 
@@ -392,6 +436,16 @@ def require_whole(file: InputFile, form: Any) -> None:
             if (count := len(getattr(item, key))) not in (0, len(form.views)):
                 found = f"objects[{number}].{key} is a list of {count}"
                 raise file.error(found, f"wanted one for each of {len(form.views)} views, or none")
+    if form.frames and (len(form.views) > 1 or form.frame_index >= len(form.frames)):
+        found = f"it has {len(form.views)} views, and frame_index is {form.frame_index}"
+        raise file.error(found, f"wanted one view, and one of its {len(form.frames)} frames")
+    for number, frame in enumerate(form.frames):
+        if (frame.file.width, frame.file.height) != form.views[0].size:
+            found = f"frames[{number}].photo is {frame.file.width}x{frame.file.height} px"
+            raise file.error(found, "wanted the size of the view's photo")
+        if unknown := frame.poses.keys() - ids:
+            found = f"frames[{number}].poses has {min(unknown)!r}"
+            raise file.error(found, f"wanted the id of an object, one of {', '.join(ids)}")
     if form.free_scale and len(ids) > 1:
         wanted = "say free_scale: false and the objects' scales, or leave one object alone"
         raise file.error(f"its scale is not known, and it has {len(ids)} objects", wanted)

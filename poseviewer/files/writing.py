@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import IO, Any
 
@@ -114,8 +115,9 @@ def write_json(path: Path, data: Any, error: type[PoseViewerError], *, indent: i
 
 
 def json_bytes(
-    path: Path, data: Any, error: type[PoseViewerError], *, indent: int = 2, **first: Any
-) -> bytes:
+    path: Path, data: Any, error: type[PoseViewerError], *, indent: int = 2, rows: str = "",
+    **first: Any,
+) -> bytes:  # fmt: skip
     """Encode a dict or a struct, after the entries ``first``, as the text of a JSON file.
 
     Args:
@@ -123,11 +125,16 @@ def json_bytes(
         data: entries.
         error: type of the error where a number is not finite.
         indent: spaces of a level.
+        rows: key of a list that stands last, an entry a line; may be missing.
         first: entries before those of ``data``.
     """
+    encode = partial(json.dumps, allow_nan=False, ensure_ascii=False)
     try:
         entries = {**first, **msgspec.to_builtins(data, enc_hook=float)}
-        text = json.dumps(entries, indent=indent, allow_nan=False, ensure_ascii=False)
+        lines = ",\n".join(map(encode, entries.pop(rows, ())))
+        text = encode(entries, indent=indent)
+        if lines:
+            text = f'{text[:-2]},\n{" " * indent}"{rows}": [\n{lines}\n{" " * indent}]\n}}'
     except (ValueError, TypeError) as problem:
         found = f"{path.name}: holds what JSON cannot ({problem})"
         raise error(f"{found}; nothing was written.") from problem

@@ -217,7 +217,7 @@ class FramePose:
 class Frame:
     """A photo of a sequence, with the poses of the scene's objects."""
 
-    file: PhotoFile
+    file: PhotoFile = field(metadata={"key": "photo"})
     time_s: float | None = None
     """Time stamp from the first frame, s; None: not known."""
     poses: Mapping[str, FramePose] = field(default_factory=dict)
@@ -235,9 +235,9 @@ class Scene:
     views: Annotated[tuple[View, ...], Meta(min_length=1)]
     objects: tuple[SceneObject, ...] = ()
     software: dict[str, Any] | None = None
-    frames: tuple[Frame, ...] = field(default=(), metadata=NOT_IN_FILES)
+    frames: tuple[Frame, ...] = ()
     """Photos of the one view's camera in order; empty: the scene is no sequence."""
-    frame_index: int = field(default=0, metadata=NOT_IN_FILES)
+    frame_index: Annotated[int, Meta(ge=0)] = 0
     """Index of the frame that the view shows."""
     name: str = field(default="", metadata=NOT_IN_FILES)
     """Name of the file or folder that the scene was read from."""
