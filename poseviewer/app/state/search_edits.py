@@ -6,6 +6,7 @@ from dataclasses import replace
 from poseviewer.app.state.document import UNLOCK, Document, is_shown, label_of
 from poseviewer.app.state.document_edits import undo
 from poseviewer.app.state.edits import drag_edit, edit
+from poseviewer.app.state.frame_keys import store_changed_poses
 from poseviewer.app.state.marking import MARKING
 from poseviewer.app.state.results import Preparation
 from poseviewer.app.state.searches import LossComparison, SearchRequest
@@ -88,7 +89,7 @@ def _begin_search(
         return session
     if session.preparation is not None and session.preparation.trouble:
         raise SettingsError(session.preparation.trouble)
-    session, document = session.stop_proposing(), session.document
+    session, document = session.stop_proposing().stop_propagating(), session.document
     if document.object.locked and indices == (document.active,):
         raise SettingsError(f"{label_of(document.object)} is locked: {UNLOCK} to search")
     session = with_search(session, SearchRequest(start, methods, indices))
@@ -112,12 +113,13 @@ def take_end(session: Session, index: int) -> Session:
 @edit
 def stop_search(session: Session) -> Session:
     """Stop the search and keep its best pose; a search without progress is taken back."""
-    progress = session.search_progress
-    if not session.is_searching:
+    progress, request = session.search_progress, session.search
+    if request is None or not session.is_searching:
         return session
     if progress is None:
         return revert_search()(session)
-    return replace(session, search_progress=replace(progress, is_over=True))
+    document = store_changed_poses(request.start, session.document)
+    return replace(session, document=document, search_progress=replace(progress, is_over=True))
 
 
 @edit
@@ -156,6 +158,7 @@ def search_advanced(
     if session.search is not request or not session.is_searching:
         return session
     document = with_progress(session.document, progress)
+    document = store_changed_poses(request.start, document) if progress.is_over else document
     comparison = comparison or session.comparison
     return replace(session, document=document, search_progress=progress, comparison=comparison)
 
