@@ -217,3 +217,15 @@ def test_nothing_to_propagate_without_keys():
     scene = sequence({2: [ball(2)]})
     frames = tuple(replace(frame, poses={}) for frame in scene.frames)
     assert run(replace(scene, frames=frames)) == []
+
+
+def test_fresh_pose_is_begun_from_and_stale_one_is_not():
+    scene = sequence({0: [ball(0)]}, count=4)
+    pose = FramePose(
+        world_from_model=scene.views[0].world_from_model(ball(2).pose), source="propagated"
+    )
+    renderers = {0: SoftwareRenderer(BALL)}
+    for is_stale, wanted in ((False, [3]), (True, [1, 2, 3])):
+        begun = store_poses(scene, {2: {"a": replace(pose, is_stale=is_stale)}})
+        steps = list(propagate(begun, renderers, 2, 3))
+        assert [step.frame_index for step in steps] == wanted
