@@ -5,12 +5,14 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from poseviewer.api import load
 from poseviewer.errors import SettingsError
+from poseviewer.files.pose import PoseRecord, save_pose
 from poseviewer.files.scene_json import load_scene
 from tests.commands import read_rows, refusal, run
 from tests.ctrl_c import ctrl_c_ends_them
@@ -59,6 +61,23 @@ def test_chains_are_joined_and_done_once(tmp_path, here, capsys):
     assert here == ["0,1", "1,3", "0,1", "1,3"]  # the photos are others
 
 
+def test_folder_of_frames_goes_out_from_any_frame(tmp_path, here, capsys):
+    scene = sequence({0: [ball(0)]}, count=3)
+    write_sequence(tmp_path, scene)
+    save_pose(tmp_path / "key.json", PoseRecord.of(ball(1).pose))
+    line = "track", tmp_path / "frames", tmp_path / "a.ply", "--out", tmp_path / "out", "--quiet"
+    assert "--pose" in refusal(capsys, *line)
+    line = *line, "--pose", tmp_path / "key.json"
+    assert "3 frames" in refusal(capsys, *line, "--key", 4)
+    assert run(*line, "--key", 2) == 0
+    tracked = load_scene(tmp_path / "out" / "scene.json")
+    (name,) = (item.id for item in tracked.objects)
+    sources = [frame.poses[name].source for frame in tracked.frames]
+    assert sources == ["propagated", "key", "propagated"]
+    assert all(off(tracked, index, ball(index), name) < 1.0 for index in range(3))
+    assert here == ["0,1", "1,2"]
+
+
 def test_api_tracks_a_range(tmp_path):
     path = write_sequence(tmp_path, sequence({0: [ball(0)]}, count=4))
     seen = []
@@ -70,9 +89,9 @@ def test_api_tracks_a_range(tmp_path):
 
 
 def test_sequence_without_keys_is_refused(tmp_path, capsys):
-    path = write_sequence(tmp_path, sequence({0: [ball(0)]}, count=2))
-    text = path.read_text(encoding="utf-8").replace('"source": "key"', '"source": "propagated"')
-    path.write_text(text, encoding="utf-8")
+    scene = sequence({0: [ball(0)]}, count=2)
+    frames = tuple(replace(frame, poses={}) for frame in scene.frames)
+    path = write_sequence(tmp_path, replace(scene, frames=frames))
     assert "no pose is a key" in refusal(capsys, "track", path, "--out", tmp_path / "out")
     with pytest.raises(SettingsError, match="no pose is a key"):
         load(path).track()
