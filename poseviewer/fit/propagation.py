@@ -14,6 +14,7 @@ from functools import partial
 from itertools import pairwise
 from typing import Any
 
+import cv2
 import numpy as np
 from msgspec import structs
 
@@ -59,6 +60,8 @@ COARSE = QuadraticOptions(sampling_radius=2.0, contour_level=0.6, rounds=2)
 """Quadratic models on the coarsest level, in deviations of the prior."""
 FINE = QuadraticOptions(sampling_radius=1.0, contour_level=0.3, rounds=3, growth=2.0)
 """Quadratic models on the photo, about the coarse minimum."""
+OCCLUDER_MARGIN = np.ones((5, 5), np.uint8)
+"""Dilation of what stands in front, px: as wide as its log odds are smoothed."""
 PROBE_EVERY = 6
 """Frames from one full verdict to the next, if the pose stays as good as it was there."""
 DOUBT = 0.1
@@ -287,6 +290,8 @@ class _Chain:
         if problem.is_structured and settings.in_front == "find":
             view = problem.views[0]
             mask = find_occluded(view.photo, renderer, prior.pose)
+            if mask is not None:  # found to a few px: what is left of an occluder draws the model
+                mask = np.asarray(cv2.dilate(mask.astype(np.uint8), OCCLUDER_MARGIN), bool)
             problem = replace(problem, views=(view.without(mask),))
         end, covariance = _search_near(
             problem, renderer, prior, self._threads, track.velocity is None
@@ -314,22 +319,22 @@ class _Chain:
         keys = neighbouring_keys(self._scene, item.id, frame_index)
         before, after = max(keys[0], self._ends[0]), min(keys[1], self._ends[1])
         share = (frame_index - before) / (after - before)
-        known = [way.result.covariance if way.result else None for way in (ahead, back)]
         nearer = ahead if share < 0.5 else back
-        if known[0] is None or known[1] is None:
+        one, other = (way.result and way.result.covariance for way in (ahead, back))
+        if nearer.result is None or one is None or other is None:
             return nearer, ""
-        equal = item.symmetry.nearest_pose(known[1].pose, known[0].pose)
-        deviation = known[0].deviation(equal)
-        spread = known[0].matrix + known[1].matrix
+        equal = item.symmetry.nearest_pose(other.pose, one.pose)
+        deviation = one.deviation(equal)
+        spread = one.matrix + other.matrix
         apart = float(deviation @ np.linalg.lstsq(spread, deviation, rcond=None)[0]) ** 0.5
-        percent = pose_error(item.mesh, equal, known[0].pose).percent
+        percent = pose_error(item.mesh, equal, one.pose).percent
         if apart > region_reach(len(deviation)) and percent > JUMP_PERCENT:
             note = f"{item.label}: both ways end {percent:.1f} % of its size apart here."
             return nearer, note
-        pose = known[0].pose_at(share * deviation)
+        pose = one.pose_at(share * deviation)
         place = view.world_from_model(pose, ahead.world_from_model.scale)
-        result = max(ahead.result, back.result, key=lambda own: own.verdict.probability)
-        result = replace(result, covariance=replace(result.covariance, pose=pose), chart=None)
+        own = one if nearer is ahead else other
+        result = replace(nearer.result, covariance=replace(own, pose=pose), chart=None)
         return replace(nearer, world_from_model=place, result=result), ""
 
 
