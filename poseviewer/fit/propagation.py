@@ -51,7 +51,7 @@ SMOOTHING = 0.5
 """Weight of the last step in the velocity: one step alone has the errors of two poses."""
 JUMP_DEVIATIONS = 5.0
 """Root mean square distance from the predicted pose from which a pose is not found."""
-PRIOR_WEIGHT = 0.002
+PRIOR_WEIGHT = 0.001
 """Loss at one deviation of the prior where the model is visible wholly: little, as the velocity
 lags behind where it changes."""
 WIDE = CmaOptions(sigma=0.6, population=16, generations=16, prior_weight=0.0, min_sigma=0.1)
@@ -60,8 +60,8 @@ COARSE = QuadraticOptions(sampling_radius=2.0, contour_level=0.6, rounds=2)
 """Quadratic models on the coarsest level, in deviations of the prior."""
 FINE = QuadraticOptions(sampling_radius=1.0, contour_level=0.3, rounds=3, growth=2.0)
 """Quadratic models on the photo, about the coarse minimum."""
-OCCLUDER_MARGIN = np.ones((5, 5), np.uint8)
-"""Dilation of what stands in front, px: as wide as its log odds are smoothed."""
+OCCLUDER_MARGIN = np.ones((9, 9), np.uint8)
+"""Dilation of what stands in front: its log odds are smoothed over as many px."""
 PROBE_EVERY = 6
 """Frames from one full verdict to the next, if the pose stays as good as it was there."""
 DOUBT = 0.1
