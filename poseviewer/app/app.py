@@ -35,6 +35,7 @@ from poseviewer.app.workers.tasks import (
     TaskResult,
     restore,
 )
+from poseviewer.app.workers.tracking import frame_reading, tracking
 from poseviewer.app.workers.worker import Mailbox
 from poseviewer.errors import PoseViewerError, sentence_of
 
@@ -70,7 +71,7 @@ class App:
         self._searcher = searching()
         self._mapper = mapping()
         self._proposer = proposing(notify)
-        makers = refining, picturing, reading, outlining, preparing
+        makers = refining, picturing, reading, outlining, preparing, frame_reading, tracking
         workers = self._autosaver.job, self._drawer, self._proposer, self._searcher, self._mapper
         workers += () if review is None else (review.job,)
         self._workers = (*workers, *(make(notify) for make in makers))
@@ -178,11 +179,11 @@ class App:
             with self._report_errors():
                 for edit in worker.take():
                     self._edit(edit)
-        # By priority: a drag, tasks and proposals, a search, maps.
+        # By priority: a drag, tasks and proposals, a search, a propagation, maps.
         self._tasks.follow(self.session)
         is_awaited = self._tasks.busy or self._proposer.busy
         self._searcher.hold(is_awaited)
-        self._mapper.hold(self._drawer.busy or is_awaited)
+        self._mapper.hold(self._drawer.busy or is_awaited or self.session.is_propagating)
         for worker in self._workers:
             worker.follow(self.session)
 

@@ -1,6 +1,6 @@
 """A batch from its table to its report."""
 
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -97,7 +97,12 @@ def open_batch(
 
 
 def run_batch(
-    batch: Batch, jobs: Sequence[Job], *, scheduler: str | None = None, processes: int | None = None
+    batch: Batch,
+    jobs: Sequence[Job],
+    *,
+    scheduler: str | None = None,
+    processes: int | None = None,
+    run: Callable[[Job, Batch], JobResult] = run_row,
 ) -> Generator[JobResult, None, None]:
     """Run jobs, and yield their results as they come.
 
@@ -106,11 +111,12 @@ def run_batch(
         jobs: rows to fit.
         scheduler: address of a Dask scheduler; None: run on this machine.
         processes: number of processes; None: one for each processor.
+        run: function that does a job, and writes its result last.
     """
     if not jobs:
         return
     plan = replace(batch, jobs=())  # small, as it is sent with each job
-    fit, processes = partial(run_row, plan=plan), processes or processors()
+    fit, processes = partial(run, plan=plan), processes or processors()
     with lock_folder(batch.folder):
         if scheduler is None:
             results = run_in_processes(fit, jobs, processes)

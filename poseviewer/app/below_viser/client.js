@@ -138,7 +138,7 @@ addEventListener("pointerdown", (event) => {
 addEventListener("pointermove", (event) => {
   hover(event);
   if (!state.pointer) {
-    if (isOverPhoto(event)) event.stopImmediatePropagation();
+    if (isOverPhoto(event) && !state.turn) event.stopImmediatePropagation();
     return;
   }
   consume(event);
@@ -321,7 +321,7 @@ addEventListener("keydown", (event) => {
     else pen.now = null;
     return;
   }
-  const action = CONFIG.keys[event.code] ?? CONFIG.keys[event.key];
+  const action = CONFIG.keys[event.key] ?? CONFIG.keys[event.code];
   if (!action || (ctrl(event) && action.leave)) return;
   consume(event);
   document.activeElement?.blur();
@@ -469,21 +469,28 @@ function openStep(step) {
 
 const CLICK = 4; // CSS px that a press may move before it turns what it is on
 // Presses, also by Enter, on elements with a report: sent with the point, in shares of the
-// element's sides from its lower left corner. What is dragged with data-turns turns instead.
+// element's sides from its lower left corner. What is dragged with data-turns turns instead, and
+// with data-slides each move is sent.
 function report(event) {
   const node = event.target.closest?.("[data-report]");
   if (!node || (event.type === "keydown" && event.key !== "Enter")) return;
   const box = node.getBoundingClientRect();
   const u = (event.clientX - box.left) / box.width;
+  const slides = "slides" in node.dataset;
   const message = { ...JSON.parse(node.dataset.report), u,
     v: (box.bottom - event.clientY) / box.height };
   const [at, kind] = [[event.clientX, event.clientY], node.dataset.turns];
-  if (kind && event.type === "pointerdown") state.turn = { message, box, at, kind, moved: false };
-  else send(message);
+  const isTurn = (kind || slides) && event.type === "pointerdown";
+  if (isTurn) state.turn = { message, box, at, kind, slides, moved: slides };
+  if (!isTurn || slides) send(message);
 }
 addEventListener("pointermove", (event) => {
   const turn = state.turn;
   if (!turn) return;
+  if (turn.slides) {
+    send({ ...turn.message, u: (event.clientX - turn.box.left) / turn.box.width });
+    return;
+  }
   const [right, down] = [event.clientX - turn.at[0], event.clientY - turn.at[1]];
   if (!turn.moved && Math.hypot(right, down) < CLICK) return;
   Object.assign(turn, { moved: true, at: [event.clientX, event.clientY] });

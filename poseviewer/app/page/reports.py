@@ -13,6 +13,7 @@ import numpy as np
 from poseviewer.app.state import objects as o
 from poseviewer.app.state.display_edits import enlarge_map
 from poseviewer.app.state.edits import Edit, Px, ReviewRow, SavePose, ShowHelp
+from poseviewer.app.state.frame_edits import edit_frames, go_to_frame, step_frame
 from poseviewer.app.state.hiding import Shape, Stroke, bring_back, paint
 from poseviewer.app.state.keys_and_buttons import KEYS
 from poseviewer.app.state.marking import mark_model, turn_model
@@ -48,11 +49,14 @@ def _object(object_id: int, what: Literal["hidden", "locked"], on: bool) -> Edit
 def _key(
     code: str, key: str = "", shift: bool = False, ctrl: bool = False, repeat: bool = False
 ) -> Request | None:
-    action = (shift and KEYS.get(f"shift {code}")) or KEYS.get(code) or KEYS.get(key)
+    # A sign that was typed goes first: other keyboards have it at another place, or with shift.
+    action = KEYS.get(key) or (shift and KEYS.get(f"shift {code}")) or KEYS.get(code)
     match action and action.request:
         case Edit(arguments=(kind, *steps)) as edit if edit.calls(nudge):
             factor = FINE if shift else COARSE if ctrl else 1.0
             return nudge(kind, *(factor * step for step in steps))
+        case Edit() as edit if edit.calls(step_frame):
+            return edit
         case Edit() | SavePose() | ReviewRow() | ShowHelp() as request if not repeat:
             return request
     return None
@@ -84,6 +88,8 @@ MEANINGS: Mapping[str, Callable[..., Meaning]] = {
     "start": take_start,
     "photo": o.show_view,
     "compare photo": o.compare_view,
+    "frame": go_to_frame,
+    "frames": edit_frames,
     "row": ReviewRow,
     "theme": Theme,
     "unfit": why_unfit,

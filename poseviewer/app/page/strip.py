@@ -10,6 +10,7 @@ from poseviewer.app.below_viser.client_script import ClientScript
 from poseviewer.app.page.above_steps import ICONS, object_colour
 from poseviewer.app.page.controls import jpeg_url, on_press, percent
 from poseviewer.app.page.handles import path_of
+from poseviewer.app.page.time_line import time_line
 from poseviewer.app.state.session import Session
 from poseviewer.files.photo import Photo
 from poseviewer.geometry.arrays import FloatArray
@@ -31,11 +32,12 @@ QUALITY = 80
 
 
 def show_strip(script: ClientScript, session: Session) -> None:
-    """Bring the strip on all pages to the session; what has not changed is not sent."""
+    """Bring the strip, or the time line, on all pages to the session, where it has changed."""
     photos = tuple(view.photo for view in session.document.scene.views)
     photos = photos if len(photos) > 1 else ()
     script.show("setPictures", _small_pictures(photos))
-    script.show("setStrip", "".join(_cell(session, index) for index in range(len(photos))))
+    cells = "".join(_cell(session, index) for index in range(len(photos)))
+    script.show("setStrip", cells or time_line(session))
 
 
 @lru_cache(maxsize=1)

@@ -24,7 +24,8 @@ from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.render.renderers import RendererName
-from poseviewer.scene.assets import ModelFile
+from poseviewer.scene.assets import ModelFile, PhotoFile
+from poseviewer.scene.frames import show_frame
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import InView, Scene, SceneObject, View
 from poseviewer.starts.placing import with_point_at
@@ -192,6 +193,25 @@ class Document:
     def with_view(self, view_index: int) -> Document:
         """The document with another view large."""
         return self if view_index == self.view_index else replace(self, view_index=view_index)
+
+    def at_frame(self, frame_index: int, file: PhotoFile) -> Document:
+        """The document at a frame of the sequence, whose photo has been read into ``file``."""
+        return self.with_frames_of(show_frame(self.scene, frame_index), file)
+
+    def with_frames_of(self, scene: Scene, file: PhotoFile | None = None) -> Document:
+        """The document with changed frames; the shown one's photo stays read, or is in ``file``.
+        Poses that came with the frame are start poses.
+        """
+        view = replace(scene.views[0], file=file or self.view.file)
+        objects = tuple(
+            replace(
+                item,
+                start=item.start or item.world_from_model,
+                start_cameras=item.start_cameras if item.start else (view.camera,),
+            )
+            for item in scene.objects
+        )
+        return replace(self, scene=replace(scene, views=(view,), objects=objects))
 
     def with_object(self, object_index: int | None = None, **changes: Any) -> Document:
         """The document with changed fields of an object, by default the active one."""
@@ -394,15 +414,17 @@ class Document:
     @property
     def placement(self) -> tuple[object, ...]:
         """Values that are equal while nothing that files keep has changed."""
-        views = ((view.photo, view.camera, view.mask) for view in self.scene.views)
-        objects = self.scene.objects
-        models = ((o.mesh, o.model.keypoints, o.in_views) for o in objects)
-        return *views, *models, *((o.world_from_model, o.note) for o in objects)
+        views, objects, frames = self.scene.views, self.scene.objects, self.scene.frames
+        photos = frames or (view.photo for view in views)
+        poses = () if frames else (o.world_from_model for o in objects)
+        models = ((o.mesh, o.model.keypoints, o.in_views, o.note) for o in objects)
+        return *photos, *((view.camera, view.mask) for view in views), *models, *poses
 
 
 def is_alone(document: Document) -> bool:
-    """Whether a pose file holds the whole document: one object in one view."""
-    return len(document.scene.views) == len(document.scene.objects) == 1
+    """Whether a pose file holds the whole document: one object in one view, and no frames."""
+    scene = document.scene
+    return len(scene.views) == len(scene.objects) == 1 and not scene.frames
 
 
 def label_of(item: SceneObject) -> str:

@@ -7,6 +7,7 @@ from typing import Literal
 from poseviewer.app.state.display_edits import show_style, toggle_model
 from poseviewer.app.state.document_edits import redo, undo
 from poseviewer.app.state.edits import Edit, ReviewRow, SavePose, ShowHelp
+from poseviewer.app.state.frame_edits import step_frame
 from poseviewer.app.state.hiding import hide_found, toggle_hiding, unhide
 from poseviewer.app.state.marking import clear_marks, remark_wheels, remove_mark
 from poseviewer.app.state.objects import add_object
@@ -33,8 +34,20 @@ NUDGES: Mapping[tuple[str, str], tuple[NudgeKind, float, float]] = {
     ("page down", "page up"): ("scale", 1.0, 0.0),
 }
 """Small step of the pose by the keys for it, backwards and forwards."""
-CODES = {"space": "Space", "Esc": "Escape", "?": "?", "page up": "PageUp", "page down": "PageDown"}
-"""``event.code`` of keys but letters, digits and arrows; for ``?`` ``event.key``."""
+FRAME_KEYS = {",": (-1, False), ".": (1, False), "[": (-1, True), "]": (1, True)}
+"""Frames, or keys of a sequence, that a key of the keyboard steps on by."""
+CODES = {
+    "space": "Space",
+    "Esc": "Escape",
+    "?": "?",
+    "page up": "PageUp",
+    "page down": "PageDown",
+    ",": ", Comma",
+    ".": ". Period",
+    "[": "[ BracketLeft",
+    "]": "] BracketRight",
+}
+"""``event.key`` of signs, and ``event.code`` of keys but letters, digits and arrows."""
 LEFT_WITH_CTRL = tuple("FRBHMAXNP123450")
 """Keys that stay the browser's while ctrl is held: find, reload, and so on."""
 BOX = "Draw a rectangle about the object; starting poses are proposed there"
@@ -47,7 +60,7 @@ MEASURE = "Measure points of models, and the distance of two"
 REGION = "Compare what lies in a rectangle alone"
 DRAWING = "Drag on the photo ..."
 REMARK = "Press the middle of the model's wheels again"
-END = "Let go, leave a tool, stop what is looked for or read"
+END = "Let go, leave a tool, stop what is looked for, read or propagated"
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,14 +89,16 @@ class Action:
 
     @property
     def codes(self) -> tuple[str, ...]:
-        """``event.code`` of the keys, with "shift " before where it is held; ctrl is ignored."""
-        return tuple(map(_code, filter(None, self.keys.split(", "))))
+        """``event.code`` or ``event.key`` of the keys, with "shift " before where it is held; ctrl
+        is ignored.
+        """
+        return tuple(code for key in filter(None, self.keys.split(", ")) for code in _codes(key))
 
 
-def _code(key: str) -> str:
+def _codes(key: str) -> list[str]:
     held, last = "shift " * ("shift " in key), key.removeprefix("ctrl ").removeprefix("shift ")
     kind = "Digit" if last.isdigit() else "Key" if len(last) == 1 else "Arrow"
-    return held + CODES.get(last, kind + last.capitalize())
+    return [held + code for code in CODES.get(last, kind + last.capitalize()).split()]
 
 
 ACTIONS: Mapping[str, Action] = {
@@ -134,6 +149,11 @@ ACTIONS: Mapping[str, Action] = {
         for keys, (kind, x, y) in NUDGES.items()
         for key, sign in zip(keys, (-1.0, 1.0), strict=True)
     },
+    **{
+        held + key: Action(step_frame(by * times, between), "", "", "", held + key)
+        for key, (by, between) in FRAME_KEYS.items()
+        for held, times in (("", 1), ("shift ", 10))
+    },
 }
 """Every button and key by its name."""
 KEYS = {code: action for action in ACTIONS.values() for code in action.codes}
@@ -150,6 +170,8 @@ GESTURES = {
     "shift / ctrl": "With one of these: a tenth, ten times as much",
     "1 2 3 4 5, 0": "Outline, solid, relit, normals, residual, nothing",
     "A, X, N, P": "In a review: accept, reject, next, previous",
+    ", .": "In a sequence: the frame before, the next one; with shift ten",
+    "[ ]": "In a sequence: the key before, the next one; with shift ten",
 }
 """Rows of the help dialog for gestures of the mouse, and for keys that share a row."""
 

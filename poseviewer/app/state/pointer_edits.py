@@ -56,7 +56,7 @@ def press(
         shift: turn the model.
         ctrl: roll and scale it.
     """
-    session = session.stop_proposing()
+    session = session.stop_proposing().stop_propagating()
     document = session.document
     point = np.array([x, y])
     tool = session.tool
@@ -139,8 +139,8 @@ def release(session: Session) -> Session:
 
 @drag_edit
 def cancel_drag(session: Session) -> Session:
-    """Take the drag back, leave the tool, and stop proposing starts."""
-    session, drag = session.stop_proposing(), session.drag
+    """Take the drag back, leave the tool, and stop proposing starts and propagating poses."""
+    session, drag = session.stop_proposing().stop_propagating(), session.drag
     document = session.document if drag is None or drag.before is None else drag.before
     return replace(session, drag=None, tool="pose", document=document)
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from poseviewer.app.state.document import Document, loss_inputs
 from poseviewer.app.state.edits import drag_edit, edit
+from poseviewer.app.state.frame_keys import store_changed_poses
 from poseviewer.app.state.pose_edits import move_to
 from poseviewer.app.state.search_edits import with_progress, with_search
 from poseviewer.app.state.searches import ProposedStarts, SearchRequest
@@ -68,7 +69,8 @@ def take_fitted_start(
     if not (is_same and result and result.verdict and result.verdict.label == "found"):
         return session.stop_proposing()
     session = take_start(index)(session)
-    session = replace(session, document=with_progress(session.document, progress))
+    document = store_changed_poses(session.document, with_progress(session.document, progress))
+    session = replace(session, document=document)
     return with_search(session, request, progress)
 
 

@@ -3,9 +3,10 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-from poseviewer.app.state.document import UNLOCK, Document, is_shown, label_of
+from poseviewer.app.state.document import UNLOCK, Document, is_shown, label_of, verdict_of
 from poseviewer.app.state.document_edits import undo
 from poseviewer.app.state.edits import drag_edit, edit
+from poseviewer.app.state.frame_keys import store_changed_poses
 from poseviewer.app.state.marking import MARKING
 from poseviewer.app.state.results import Preparation
 from poseviewer.app.state.searches import LossComparison, SearchRequest
@@ -88,7 +89,7 @@ def _begin_search(
         return session
     if session.preparation is not None and session.preparation.trouble:
         raise SettingsError(session.preparation.trouble)
-    session, document = session.stop_proposing(), session.document
+    session, document = session.stop_proposing().stop_propagating(), session.document
     if document.object.locked and indices == (document.active,):
         raise SettingsError(f"{label_of(document.object)} is locked: {UNLOCK} to search")
     session = with_search(session, SearchRequest(start, methods, indices))
@@ -112,12 +113,13 @@ def take_end(session: Session, index: int) -> Session:
 @edit
 def stop_search(session: Session) -> Session:
     """Stop the search and keep its best pose; a search without progress is taken back."""
-    progress = session.search_progress
-    if not session.is_searching:
+    progress, request = session.search_progress, session.search
+    if request is None or not session.is_searching:
         return session
     if progress is None:
         return revert_search()(session)
-    return replace(session, search_progress=replace(progress, is_over=True))
+    document = store_changed_poses(request.start, session.document)
+    return replace(session, document=document, search_progress=replace(progress, is_over=True))
 
 
 @edit
@@ -156,8 +158,25 @@ def search_advanced(
     if session.search is not request or not session.is_searching:
         return session
     document = with_progress(session.document, progress)
+    document = store_changed_poses(request.start, document) if progress.is_over else document
     comparison = comparison or session.comparison
-    return replace(session, document=document, search_progress=progress, comparison=comparison)
+    session = replace(session, document=document, search_progress=progress, comparison=comparison)
+    return _with_others_searched(session) if progress.is_over else session
+
+
+def _with_others_searched(session: Session) -> Session:
+    """Search for objects that lack a result by the focal length that was found for another one, if
+    that was asked for once.
+    """
+    document, progress = session.document, session.search_progress
+    is_once = progress and progress.settings.free_focal and not document.settings.free_focal
+    objects = enumerate(document.scene.objects)
+    others = tuple(
+        i for i, item in objects if is_shown(item) and not item.locked and item.result is None
+    )
+    if not (is_once and others and verdict_of(document.object) != "lost"):
+        return session
+    return with_search(session, SearchRequest(document, (document.settings,), others))
 
 
 def with_progress(document: Document, progress: SearchProgress) -> Document:

@@ -50,6 +50,32 @@ class ProposedStarts:
     """Whether the search for starts, and for a pose from them, has ended."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PropagationRequest:
+    """Request to propagate the active object's poses."""
+
+    start: Document
+    first: int
+    """Index of the first frame; the propagation goes out from poses and keys in its range."""
+    last: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PropagationProgress:
+    """A propagation, and how far it is."""
+
+    request: PropagationRequest
+    steps: int = 0
+    """Number of its steps that the scene has."""
+    frame_index: int = 0
+    """Index of the last step's frame."""
+    notes: tuple[str, ...] = ()
+    """Sentences on its end."""
+    follows: bool = True
+    """Whether the frame of each step is shown: until the user looks at another one."""
+    is_over: bool = False
+
+
 def start_query(document: Document) -> StartQuery:
     """Query for start poses of the active object in the large view."""
     region = document.in_view.region

@@ -11,9 +11,15 @@ import numpy as np
 
 from poseviewer.app.state.document import UNLOCK, Document, label_of, loss_inputs, with_camera
 from poseviewer.app.state.dragging import Drag, radius_in_photo
+from poseviewer.app.state.frame_keys import store_changed_poses
 from poseviewer.app.state.history import History
 from poseviewer.app.state.results import Preparation, Results
-from poseviewer.app.state.searches import LossComparison, ProposedStarts, SearchRequest
+from poseviewer.app.state.searches import (
+    LossComparison,
+    PropagationProgress,
+    ProposedStarts,
+    SearchRequest,
+)
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.errors import SettingsError
 from poseviewer.fit.progress import SearchProgress
@@ -59,6 +65,8 @@ class Display:
     """Rotation vector, in camera axes, of the model's picture beside the photo, from its pose."""
     relative_to: str = ""
     """Label of the object in whose frame the active one's pose is also shown; "": none."""
+    motion_graph: bool = False
+    """Whether the motion over the frames is drawn above the time line."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,6 +93,10 @@ class Session:
     """Settings by the loss that is not chosen."""
     proposals_by_object: Mapping[int, ProposedStarts | None] = field(default_factory=dict)
     """Proposed starts by the objects' ids."""
+    wanted_frame: int | None = None
+    """Index of the frame that is shown once its photo is read; None: the one that is shown."""
+    propagation: PropagationProgress | None = None
+    """Propagation that runs, or has ended just now."""
     anchor: Scene | None = None
     """Scene about which pixels are compared, fixed while the model moves; None: the document's."""
     results: Results = field(default_factory=Results)
@@ -133,6 +145,11 @@ class Session:
         """Whether a search runs."""
         progress = self.search_progress
         return self.search is not None and not (progress is not None and progress.is_over)
+
+    @property
+    def is_propagating(self) -> bool:
+        """Whether poses are propagated through frames."""
+        return self.propagation is not None and not self.propagation.is_over
 
     @property
     def is_moving(self) -> bool:
@@ -205,6 +222,15 @@ class Session:
             return self
         return self.with_proposals(replace(proposals, is_over=True) if proposals.starts else None)
 
+    def stop_propagating(self) -> Session:
+        """The session that stays at its frame, and whose propagation has ended."""
+        progress = self.propagation
+        if progress is not None and not progress.is_over:
+            notes = (*progress.notes, "stopped by you")
+            progress = replace(progress, notes=notes, is_over=True)
+        is_same = progress is self.propagation and self.wanted_frame is None
+        return self if is_same else replace(self, propagation=progress, wanted_frame=None)
+
     @property
     def measurement_pixels(self) -> tuple[FloatArray, ...]:
         """Pixels (2,) that the measuring tool, if it is in use, has pressed in the large photo."""
@@ -240,8 +266,8 @@ class Session:
         session = self.stop_proposing() if has_pose_now else self
         if document.shown != self.document.shown:
             session = replace(session.with_new_view(), comparison=None)
-        session = session.without_search(document.scene)
-        return replace(session, history=history, document=document)
+        session = replace(session.without_search(document.scene), propagation=None)
+        return replace(session, history=history, document=document, wanted_frame=None)
 
     def without_search(self, anchor: Scene) -> Session:
         """The session without a search; pixels are compared about ``anchor``."""
@@ -258,6 +284,7 @@ class Session:
 
     def with_document(self, document: Document, key: object = None) -> Session:
         """Take an undo step to another document; consecutive steps with the same ``key`` are one.
+        In a sequence, poses that differ become keys of the shown frame.
 
         Raises:
             FloatingPointError: the model would be behind the camera, or infinitely large or far.
@@ -268,6 +295,7 @@ class Session:
                 "that pose is behind the camera or out of all proportion; nothing was changed"
             )
         _require_unlocked(self.document, document)
+        document = store_changed_poses(self.document, document)
         return self.with_history(self.history.with_step(self.document, document, key), document)
 
     def with_pose(self, pose: Pose) -> Session:

@@ -1,0 +1,191 @@
+"""The time line of a sequence below the photo: its frames, keys and buttons, and a motion graph."""
+
+import math
+from functools import lru_cache
+from html import escape
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseviewer.app.page.controls import memoize, on_press
+from poseviewer.app.state.frame_edits import FrameCommand
+from poseviewer.app.state.session import Session
+from poseviewer.confidence.pose_covariance import PoseCovariance
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.scene.frames import key_indices
+from poseviewer.scene.types import Frame, FramePose
+
+STATES = ("found", "placed", "none", "doubtful", "lost")
+"""States of an object in a frame: the verdict, or placed by hand, or no pose; the worst last."""
+MAX_SEGMENTS = 2000
+"""Parts into which the time line is divided; of several frames in one part, the worst is shown."""
+MAX_CURVE_POINTS = 400
+"""Frames of the motion graph; of more, some are left out."""
+AXIS_COLOURS = "#ff6b6b", "#7ad151", "#5aa9ff"
+"""Colours of x, y and z, by which most tools show axes."""
+AXES = " ".join(f'<b style="color:{c}">{n}</b>' for n, c in zip("xyz", AXIS_COLOURS, strict=True))
+BUTTONS: dict[FrameCommand, tuple[str, str]] = {
+    "to start": ("⇤ to start", "Propagate the pose of this frame back to the first one"),
+    "to next key": ("to next key", "Propagate the pose of this frame up to the next key"),
+    "to end": ("to end ⇥", "Propagate the pose of this frame to the last one"),
+    "between keys": ("between keys", "Propagate anew between the keys before and after this frame"),
+    "clear between": ("clear between", "Remove what was propagated between these keys"),
+    "keep keys": ("keep keys", "Remove all propagated poses of this object"),
+    "remove key": ("remove key", "Remove this object's pose in this frame"),
+}
+"""Text and tooltip of each button."""
+
+
+def time_line(session: Session) -> str:
+    """HTML of the time line; "" for a still scene."""
+    document, scene = session.document, session.document.scene
+    if not scene.frames:
+        return ""
+    count, object_id = len(scene.frames), document.object.id
+    shown = scene.frame_index if session.wanted_frame is None else session.wanted_frame
+    box = f'viewBox="0 0 {count} 1" preserveAspectRatio="none" data-slides {on_press("frame")}'
+    graph = _motion_graph(session, box) if session.display.motion_graph else ""
+    at = f'<path class="pv-here" d="M{shown} 0h1v1h-1Z"/>'
+    line = f'<svg class="pv-frames" {box}>{_segments(scene.frames, object_id)}{at}</svg>'
+    keys = {scene.frame_index} & {*key_indices(scene, object_id)}
+    useless = {"clear between", "keep keys"} - _has_propagated(scene.frames, object_id)
+    useless |= set() if keys else {"remove key"}
+    buttons = "".join(_button(what, *own, what in useless) for what, own in BUTTONS.items())
+    if session.is_propagating:
+        buttons = _button("stop", "Stop (Esc)", "Keep what is propagated, and stop")
+    said = f"<b>frame {shown + 1}</b> of {count}{_frame_text(session, shown)}"
+    progress = f'<span class="pv-end">{escape(_progress_text(session))}</span>'
+    shows_graph = _button("graph", "graph", "Show rotation and translation over the frames")
+    return (
+        f'<div class="pv-time">{graph}{line}<div><span>{said}</span>{progress}{shows_graph}</div>'
+        f"<div>{buttons}</div></div>"
+    )
+
+
+def _button(what: FrameCommand, text: str, tooltip: str, is_useless: bool = False) -> str:
+    return (
+        f'<button type="button" title="{tooltip}"{" disabled" * is_useless} '
+        f"{on_press('frames', what=what)}>{text}</button>"
+    )
+
+
+@lru_cache(maxsize=1)
+def _has_propagated(frames: tuple[Frame, ...], object_id: str) -> set[str]:
+    poses = (frame.poses.get(object_id) for frame in frames)
+    has_any = any(pose is not None and pose.source == "propagated" for pose in poses)
+    return {"clear between", "keep keys"} if has_any else set()
+
+
+@lru_cache(maxsize=1)
+def _segments(frames: tuple[Frame, ...], object_id: str) -> str:
+    """SVG of the states of all frames, each a unit wide, and of the keys."""
+    count, poses = len(frames), [frame.poses.get(object_id) for frame in frames]
+    codes = np.array([2 * STATES.index(_state(p)) + bool(p and p.is_stale) for p in poses])
+    parts = np.linspace(0, count, min(count, MAX_SEGMENTS), endpoint=False).astype(int)
+    codes = np.maximum.reduceat(codes, parts)
+    begins = np.flatnonzero(np.diff(codes, prepend=-1))
+    ends = [*parts[begins[1:]].tolist(), count]
+    drawn = ""
+    for begin, end in zip(begins.tolist(), ends, strict=True):
+        left, (state, is_stale) = parts[begin], divmod(int(codes[begin]), 2)
+        name = f"pv-{STATES[state]}{' pv-stale' * is_stale}"
+        drawn += f'<path class="{name}" d="M{left} 0H{end}V1H{left}Z"/>'
+    keys = "".join(f"M{i + 0.5} .5h0" for i, p in enumerate(poses) if p and p.source == "key")
+    return f'{drawn}<path class="pv-halo" d="{keys}"/><path class="pv-key-at" d="{keys}"/>'
+
+
+def _state(pose: FramePose | None) -> str:
+    verdict = None if pose is None or pose.result is None else pose.result.verdict
+    return "none" if pose is None else "placed" if verdict is None else verdict.label
+
+
+def _frame_text(session: Session, index: int) -> str:
+    """Time stamp, photo and state of a frame (HTML)."""
+    document, frame = session.document, session.document.scene.frames[index]
+    pose = frame.poses.get(document.object.id)
+    time = "" if frame.time_s is None else f"{frame.time_s:.2f} s"
+    state = "no pose"
+    if pose is not None:
+        verdict = _state(pose)
+        state = pose.source + f", {verdict}" * (verdict != "placed") + ", stale" * pose.is_stale
+    return "".join(f" · {escape(text)}" for text in (time, frame.file.name, state) if text)
+
+
+def _progress_text(session: Session) -> str:
+    """Say how far a propagation is, or how it ended."""
+    progress = session.propagation
+    if progress is None:
+        return ""
+    if session.preparation is not None:
+        return "waiting to begin"
+    if not progress.is_over:
+        return f"propagating: frame {progress.frame_index + 1}" if progress.steps else "propagating"
+    return "; ".join((f"{progress.steps} frames propagated", *progress.notes[-2:]))
+
+
+def _motion_graph(session: Session, box: str) -> str:
+    """HTML of rotation and translation over the frames, with their standard deviations."""
+    document = session.document
+    scene, unit = document.scene, document.mesh.unit or "units"
+    frames, values, deviations = _motion(session)
+    if not len(frames):
+        return "<div>the graph comes with the first pose</div>"
+    drawn = ""
+    for name, part in (("rotation, °", slice(0, 3)), (f"translation, {unit}", slice(3, 6))):
+        own, spread = values[:, part], deviations[:, part]
+        low, high = float((own - spread).min()), float((own + spread).max())
+        scale = 0.9 / max(high - low, 1e-9)
+        middle, half = 0.95 - scale * (own - low), scale * spread
+        curves = "".join(map(_curve, [frames] * 3, middle.T, half.T, AXIS_COLOURS))
+        at = f'<path class="pv-here" d="M{scene.frame_index + 0.5} 0v1"/>'
+        drawn += (
+            f'<div class="pv-motion"><span>{name}: {AXES}</span><span>{low:.3g} to {high:.3g}'
+            f"</span><svg {box}>{curves}{at}</svg></div>"
+        )
+    return drawn
+
+
+def _measure_motion(session: Session) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
+    """(n,), (n, 6), (n, 6): frames with poses, these relative to the first key, and deviations, in
+    degrees and the model's unit.
+    """
+    document, object_id = session.document, session.document.object.id
+    frames = enumerate(document.scene.frames)
+    poses = [(i, frame.poses[object_id]) for i, frame in frames if object_id in frame.poses]
+    keys = [pose for _, pose in poses if pose.source == "key"]
+    step = max(1, -(-len(poses) // MAX_CURVE_POINTS))
+    values, deviations = np.zeros((2, len(poses[::step]), 6))
+    before = np.zeros(3)
+    for row, (_, pose) in enumerate(poses[::step]):
+        first = document.view.pose((keys or [poses[0][1]])[0].world_from_model)
+        about = PoseCovariance(first, document.mesh.centre, np.eye(6))
+        values[row] = about.deviation(document.view.pose(pose.world_from_model))[:6]
+        # Of the equal rotations, a full turn apart, the one nearest to the frame before.
+        turn = values[row, :3]
+        angle = float(np.linalg.norm(turn)) or 1.0
+        turns = round(float((before - turn) @ turn) / (math.tau * angle))
+        before = values[row, :3] = turn * (1.0 + turns * math.tau / angle)
+        sure = None if pose.result is None else pose.result.covariance
+        deviations[row] = 0.0 if sure is None else np.sqrt(np.diag(sure.matrix)[:6])
+    units = np.repeat([math.degrees(1.0), 1.0], 3)
+    return np.array([i for i, _ in poses[::step]], np.intp), units * values, units * deviations
+
+
+_motion = memoize(
+    lambda s: (s.document.scene.frames, s.document.mesh, s.document.view.camera), _measure_motion
+)
+
+
+def _curve(frames: NDArray[np.intp], middle: FloatArray, half: FloatArray, colour: str) -> str:
+    """SVG of a curve (n,) with its band of +-``half``, broken where frames have no pose."""
+    drawn, gap = "", 1.5 * float(np.median(np.diff(frames))) if len(frames) > 1 else 1.0
+    for part in np.split(np.arange(len(frames)), 1 + np.flatnonzero(np.diff(frames) > gap)):
+        x, y, off = frames[part] + 0.5, middle[part], half[part]
+        line = _points(x, y)
+        band = f"{_points(x, y - off)}L{_points(x[::-1], (y + off)[::-1])[1:]}Z"
+        drawn += f'<path fill="{colour}" d="{band}"/><path stroke="{colour}" d="{line}h0"/>'
+    return drawn
+
+
+def _points(x: FloatArray, y: FloatArray) -> str:
+    return "M" + "L".join(f"{a:.1f} {b:.3f}" for a, b in zip(x.tolist(), y.tolist(), strict=True))

@@ -1,0 +1,58 @@
+"""Keys of a sequence, from the poses that an edit has changed."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+from poseviewer.app.state.document import Document, with_camera
+from poseviewer.scene.frames import store_key
+from poseviewer.scene.types import Frame, FramePose, Scene
+
+
+def store_changed_poses(before: Document, now: Document) -> Document:
+    """Store placed objects' poses that differ from those ``before`` as keys of the shown frame.
+
+    What was propagated from there is stale. Poses of an object that is gone or has another model
+    are dropped; by another camera, all poses stay where the photos show them.
+    """
+    old, scene = before.scene, now.scene
+    if not scene.frames or scene.frames is not old.frames:
+        return now
+    was = {item.id: item for item in old.objects}
+    models = {item.id: item.model for item in scene.objects}
+    gone = {name for name, item in was.items() if models.get(name) != item.model}
+    if gone:
+        scene = _change_poses(scene, lambda name, pose: None if name in gone else pose)
+    has_new_camera = old.views[0].camera != scene.views[0].camera
+    if has_new_camera:
+        scene = _change_poses(scene, _by_camera(old, scene))
+    for index, item in enumerate(scene.objects):
+        known, has_pose = was.get(item.id), item.id in scene.frames[scene.frame_index].poses
+        is_same = known is not None and known.world_from_model is item.world_from_model
+        is_chosen = has_pose or item.result is not None or not has_new_camera
+        if item.is_placed and is_chosen and not (is_same and known.is_placed):
+            scene = store_key(scene, index)
+    return now if scene is now.scene else replace(now, scene=scene)
+
+
+def _by_camera(old: Scene, now: Scene) -> Callable[[str, FramePose], FramePose]:
+    meshes = {item.id: item.mesh for item in now.objects}
+    was, view = old.views[0], now.views[0]
+
+    def change(name: str, pose: FramePose) -> FramePose:
+        moved = with_camera(was.pose(pose.world_from_model), view.camera, meshes[name].centre)
+        place = view.world_from_model(moved, pose.world_from_model.scale)
+        is_stale = pose.source == "propagated"
+        return replace(pose, world_from_model=place, result=None, is_stale=is_stale)
+
+    return change
+
+
+def _change_poses(scene: Scene, change: Callable[[str, FramePose], FramePose | None]) -> Scene:
+    """Change or drop the poses of all frames."""
+
+    def changed(poses: Mapping[str, FramePose]) -> dict[str, FramePose]:
+        pairs = ((name, change(name, pose)) for name, pose in poses.items())
+        return {name: pose for name, pose in pairs if pose is not None}
+
+    frames: tuple[Frame, ...] = tuple(replace(f, poses=changed(f.poses)) for f in scene.frames)
+    return replace(scene, frames=frames)

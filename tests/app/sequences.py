@@ -1,0 +1,52 @@
+"""A shape that turns and wanders through a few small frames, in memory and as files."""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from poseviewer.app.state.document import Document
+from poseviewer.files.photo import save_image
+from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.image import Photo
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.scene.assets import ModelFile, PhotoFile
+from poseviewer.scene.frames import with_frames
+from poseviewer.scene.types import Frame, PlacedModel, View, scene_at
+from tests.meshes import make_bumpy
+from tests.several import LIGHT, coloured, lit_models, save_model
+
+CAMERA = Perspective(300.0, 300.0, 120.5, 90.5, 240, 180)
+MESH = coloured(make_bumpy(3), (1.0, 0.8, 0.6))
+COUNT = 9
+
+
+def true_pose(index: int) -> Pose:
+    """Pose in a frame: it turns by 4 degrees a frame, and goes to the right."""
+    rotation = [0.4, -0.3 + 0.07 * index, 0.2]
+    return Pose(CAMERA, RigidTransform.from_rotation_vector(rotation, [0.08 * index - 0.3, 0.1, 7]))
+
+
+@cache
+def make_frame(index: int) -> Photo:
+    """The photo of a frame, with noise."""
+    placed = [PlacedModel(MESH, true_pose(index))]
+    pixels = lit_models(placed, LIGHT, np.random.default_rng(index), 0.08, 2.0)
+    return Photo(pixels, f"{index:04d}.png", f"{index:064d}", camera=CAMERA)
+
+
+def make_sequence(count: int = COUNT) -> Document:
+    """The sequence in memory, with the object at its true pose in the first frame, and no key."""
+    files = [PhotoFile.of(make_frame(index % COUNT)) for index in range(count)]
+    scene = scene_at(View(files[0], CAMERA), ModelFile.of(MESH, name="m.ply"), true_pose(0))
+    frames = [Frame(file=file, time_s=0.04 * i) for i, file in enumerate(files)]
+    return Document.of(with_frames(scene, frames))
+
+
+def write_sequence(folder: Path) -> tuple[Path, Path]:
+    """Write photos into a folder, and the model; returns both."""
+    (folder / "frames").mkdir()
+    for index in range(COUNT):
+        save_image(folder / "frames" / f"{index:04d}.png", make_frame(index).pixels)
+    save_model(folder / "m.ply", MESH)
+    return folder / "frames", folder / "m.ply"

@@ -1,0 +1,269 @@
+"""Edits of a sequence: shown frames, keys, stale poses, undo."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from poseviewer.app.page.reports import meaning_of
+from poseviewer.app.state.camera_edits import set_field_of_view
+from poseviewer.app.state.document_edits import redo, undo
+from poseviewer.app.state.edits import Edit
+from poseviewer.app.state.frame_edits import (
+    edit_frames,
+    frame_read,
+    go_to_frame,
+    propagation_advanced,
+    step_frame,
+)
+from poseviewer.app.state.history import MAX_OPENED
+from poseviewer.app.state.objects import add_object, remove_object
+from poseviewer.app.state.pointer_edits import cancel_drag, drag_to, press, release
+from poseviewer.app.state.pose_edits import nudge
+from poseviewer.app.state.session import Session
+from poseviewer.fit.propagation import FrameStep
+from poseviewer.scene.frames import key_indices
+from poseviewer.scene.types import FramePose
+from tests.app.sequences import COUNT, make_sequence
+from tests.app.state.documents import after, make_session, refused
+
+RIGHT = nudge("move", 1.0)
+
+
+def make_frames_session() -> Session:
+    return Session(make_sequence())
+
+
+def shown_at(session: Session, index: int) -> Session:
+    """The session once a frame is shown."""
+    frames = session.document.scene.frames
+    u = (index + 0.5) / len(frames)
+    return after(session, go_to_frame(u), frame_read(index, replace(frames[index].file)))
+
+
+def keys_of(session: Session) -> list[int]:
+    return key_indices(session.document.scene, session.document.object.id)
+
+
+def poses_of(session: Session) -> list[FramePose | None]:
+    return [frame.poses.get("1") for frame in session.document.scene.frames]
+
+
+def steps(*indices: int, note: str = "") -> list[FrameStep]:
+    place = make_sequence().object.world_from_model
+    pose = FramePose(world_from_model=place, source="propagated")
+    found = [FrameStep(index, {"1": pose}) for index in indices]
+    return [*found, FrameStep(indices[-1] + 1, {}, note)] if note else found
+
+
+def propagated(session: Session, *indices: int, note: str = "") -> Session:
+    """The session after a propagation from its frame to others."""
+    session = after(session, edit_frames("to end"))
+    assert session.propagation is not None
+    request = session.propagation.request
+    made = steps(*indices, note=note)
+    return after(session, propagation_advanced(request, made, is_over=True))
+
+
+def mended() -> Session:
+    """A key in frame 0, propagated to the end, and a key in frame 4."""
+    session = propagated(after(make_frames_session(), RIGHT), *range(1, COUNT))
+    return after(shown_at(session, 4), RIGHT)
+
+
+def test_a_pose_that_is_placed_is_a_key_and_undo_takes_it_back():
+    session = make_frames_session()
+    keyed = after(session, RIGHT)
+    assert keys_of(keyed) == [0]
+    key = poses_of(keyed)[0]
+    assert key is not None
+    assert key.world_from_model is keyed.document.object.world_from_model
+    back = after(keyed, undo())
+    assert keys_of(back) == []
+    assert keys_of(after(back, redo())) == [0]
+
+
+def test_a_drag_makes_a_key_once_it_ends():
+    session = after(make_frames_session(), press(120.0, 90.0), drag_to(130.0, 90.0))
+    assert keys_of(session) == []
+    assert keys_of(after(session, release())) == [0]
+    assert keys_of(after(session, cancel_drag())) == []
+
+
+def test_a_still_scene_has_no_keys():
+    session = after(
+        make_session(), RIGHT, step_frame(1), go_to_frame(0.5), edit_frames("keep keys")
+    )
+    assert session.document.scene.frames == ()
+    assert session.wanted_frame is None
+    assert len(session.history.past) == 1
+
+
+def test_a_frame_is_shown_without_an_undo_step():
+    session = after(make_frames_session(), RIGHT)
+    shown = shown_at(session, 3)
+    document = shown.document
+    assert document.scene.frame_index == 3
+    assert document.photo.name == "0003.png"
+    assert shown.history is session.history
+    assert keys_of(shown) == [0]
+    # An object without a pose there stays where it is; the start is where it is now.
+    assert document.object.world_from_model is session.document.object.world_from_model
+    assert document.object.start is document.object.world_from_model
+    assert document.object.result is None
+    assert keys_of(after(shown, RIGHT)) == [0, 3]
+
+
+def test_saved_is_what_was_saved_in_any_frame():
+    session = after(make_frames_session(), RIGHT)
+    assert session.is_unsaved
+    session = replace(session, saved=session.document)
+    assert not shown_at(session, 5).is_unsaved
+    assert after(shown_at(session, 5), RIGHT).is_unsaved
+
+
+@pytest.mark.parametrize(
+    ("key", "code", "shift", "index"),
+    [
+        (".", "Period", False, 3),
+        (",", "Comma", False, 1),
+        (">", "Period", True, COUNT - 1),
+        (":", "Period", True, COUNT - 1),
+        (".", "Comma", True, 3),  # typed with shift on some keyboards
+        ("]", "BracketRight", False, 4),
+        ("]", "Digit9", False, 4),
+        ("[", "BracketLeft", False, 0),
+    ],
+)
+def test_keys_step_through_frames_and_keys(key: str, code: str, shift: bool, index: int):
+    session = shown_at(mended(), 2)
+    report = f'{{"kind": "key", "code": "{code}", "key": "{key}", "shift": {str(shift).lower()}}}'
+    edit = meaning_of(report)
+    assert isinstance(edit, Edit)
+    assert after(session, edit).wanted_frame == index
+
+
+def test_steps_add_up_while_a_photo_is_read():
+    session = after(make_frames_session(), step_frame(1), step_frame(1), step_frame(1))
+    assert session.wanted_frame == 3
+    # The first photo comes meanwhile: it is shown, and the wanted one is still to come.
+    file = session.document.scene.frames[1].file
+    session = after(session, frame_read(1, file))
+    assert session.document.scene.frame_index == 1
+    assert session.wanted_frame == 3
+    # One that cannot be read stays hidden.
+    assert after(session, frame_read(3, None)).wanted_frame is None
+
+
+def test_a_drag_goes_before_a_frame_that_is_being_read():
+    session = after(make_frames_session(), step_frame(1), press(120.0, 90.0))
+    file = session.document.scene.frames[1].file
+    assert after(session, frame_read(1, file)).document.scene.frame_index == 0
+
+
+def test_a_mended_frame_makes_stale_what_leads_from_it():
+    session = mended()
+    poses = poses_of(session)
+    assert keys_of(session) == [0, 4]
+    assert [pose is not None and pose.is_stale for pose in poses] == [
+        index not in (0, 4) for index in range(COUNT)
+    ]
+    assert not any(pose and pose.is_stale for pose in poses_of(after(session, undo())))
+
+
+def test_propagated_poses_are_cleared_and_keys_removed():
+    session = shown_at(mended(), 2)
+    cleared = after(session, edit_frames("clear between"))
+    assert [pose is None for pose in poses_of(cleared)] == [i in (1, 2, 3) for i in range(COUNT)]
+    assert cleared.document.object.result is None
+    kept = after(session, edit_frames("keep keys"))
+    assert [i for i, pose in enumerate(poses_of(kept)) if pose] == [0, 4]
+    removed = after(shown_at(session, 4), edit_frames("remove key"))
+    assert keys_of(removed) == [0]
+    assert poses_of(removed)[4] is None
+    for one in (cleared, kept, removed):
+        assert poses_of(after(one, undo())) == poses_of(session)
+
+
+@pytest.mark.parametrize(
+    ("what", "first", "last"),
+    [("to start", 0, 2), ("to next key", 2, 4), ("to end", 2, COUNT - 1), ("between keys", 0, 4)],
+)
+def test_a_propagation_has_its_range(what, first: int, last: int):
+    session = after(shown_at(mended(), 2), edit_frames(what))
+    assert session.propagation is not None
+    assert (session.propagation.request.first, session.propagation.request.last) == (first, last)
+
+
+def test_a_propagation_is_one_undo_step_and_its_end_is_said():
+    session = after(make_frames_session(), RIGHT)
+    done = propagated(session, 1, 2, 3, note="m.ply is lost: it is covered")
+    assert done.propagation is not None
+    assert done.propagation.notes == ("frame 5: m.ply is lost: it is covered",)
+    assert [i for i, pose in enumerate(poses_of(done)) if pose] == [0, 1, 2, 3]
+    assert done.wanted_frame == 4
+    assert poses_of(after(done, undo())) == poses_of(session)
+
+
+def test_a_propagation_streams_and_follows_until_the_user_looks_elsewhere():
+    session = after(make_frames_session(), RIGHT, edit_frames("to end"))
+    assert session.propagation is not None
+    request, made = session.propagation.request, steps(1, 2, 3)
+    session = after(session, propagation_advanced(request, made[:1]))
+    assert session.wanted_frame == 1
+    elsewhere = after(session, go_to_frame(0.99))
+    later = after(elsewhere, propagation_advanced(request, made))
+    assert later.wanted_frame == COUNT - 1
+    assert [i for i, pose in enumerate(poses_of(later)) if pose] == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("stop", [press(120.0, 90.0), cancel_drag(), edit_frames("stop"), RIGHT])
+def test_a_drag_and_escape_stop_a_propagation(stop: Edit):
+    session = after(make_frames_session(), RIGHT, edit_frames("to end"))
+    assert session.propagation is not None
+    request = session.propagation.request
+    stopped = after(session, stop)
+    assert not stopped.is_propagating
+    late = after(stopped, propagation_advanced(request, steps(1, 2)))
+    assert poses_of(late)[1] is None
+
+
+def test_what_cannot_be_propagated_is_said():
+    session = make_frames_session()
+    assert "no pose in this frame" in refused(session, edit_frames("to end"))
+    locked = session.document.with_object(locked=True)
+    assert "locked" in refused(replace(session, document=locked), edit_frames("to end"))
+
+
+def test_another_camera_leaves_all_poses_where_the_photos_show_them():
+    session = mended()
+    scene = session.document.scene
+    centre = session.document.mesh.centre
+    changed = after(session, set_field_of_view(20.0)).document.scene
+    assert changed.views[0].camera != scene.views[0].camera
+    for old, new in zip(scene.frames, changed.frames, strict=True):
+        pixels = [
+            own.views[0].pose(frame.poses["1"].world_from_model).project(centre)
+            for own, frame in ((scene, old), (changed, new))
+        ]
+        np.testing.assert_allclose(*pixels, atol=1e-9)
+
+
+def test_an_object_that_is_removed_leaves_no_poses():
+    session = after(mended(), add_object())
+    index = session.document.active
+    session = after(session, press(60.0, 60.0), drag_to(70.0, 60.0), release())
+    assert "2" in session.document.scene.frames[4].poses
+    object_id = int(session.document.scene.objects[index].id)
+    removed = after(session, remove_object(object_id))
+    assert set(removed.document.scene.frames[4].poses) == {"1"}
+
+
+def test_undo_reaches_through_many_frames_and_keeps_no_photos():
+    session = make_frames_session()
+    for index in range(COUNT):
+        session = after(shown_at(session, index), RIGHT)
+    assert len(session.history.past) == COUNT > MAX_OPENED
+    for document in session.history.past:
+        assert "photo" not in vars(document.view.file)
+    assert after(session, undo(), undo()).document.photo.name == "0007.png"
