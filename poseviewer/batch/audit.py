@@ -43,11 +43,11 @@ from poseviewer.scene.settings import FitSettings
 
 AUDITED = "audited.csv"
 """File of the table of jobs from given or, where accepted, found poses."""
-MIN_MOVED_PERCENT = 1.0
+MIN_MOVED_PERCENT = 1.5
 """Move in % of the object's size up to which a given pose is never listed."""
 MIN_MOVED_DEVIATIONS = 5.0
 """Move in stated standard deviations up to which a given pose is never listed."""
-MIN_UNEXPLAINED_PERCENT = 3.0
+MIN_UNEXPLAINED_PERCENT = 5.0
 """Move in % of the object's size up to which a search that ends ``lost`` came back to its start."""
 PANEL_SIDE = 300
 """Longer side of each of the three pictures, in px: one pixel of a label shows."""
