@@ -44,11 +44,11 @@ from poseviewer.scene.settings import FitSettings
 AUDITED = "audited.csv"
 """File of the table of jobs from given or, where accepted, found poses."""
 MIN_MOVED_PERCENT = 1.5
-"""Move in % of the object's size up to which a given pose is never listed."""
+"""Move in % of the object's size up to which nothing is listed: no eye tells it."""
 MIN_MOVED_DEVIATIONS = 5.0
-"""Move in stated standard deviations up to which a given pose is never listed."""
-MIN_UNEXPLAINED_PERCENT = 5.0
-"""Move in % of the object's size up to which a search that ends ``lost`` came back to its start."""
+"""Move in stated standard deviations up to which it may be the search's error."""
+MIN_UNEXPLAINED = 0.65
+"""Share that a lost given pose leaves unexplained: exact ones behind occluders leave 0.61."""
 PANEL_SIDE = 300
 """Longer side of each of the three pictures, in px: one pixel of a label shows."""
 MARGIN = 0.3
@@ -116,13 +116,15 @@ def audit_numbers(fit: FitResult) -> dict[str, Any]:
     """Compare the pose found with the given one: the fields of ``JobResult`` for an audit."""
     given, symmetry = fit.start, fit.object.symmetry
     before = judge_end(replace(FitProgress.at_start(given.problem), loss=given.loss), fit.renderer)
+    assert fit.progress is not None  # a fit ends with it
     labels = str(before.verdict), str(fit.verdict)
     moved, deviations = pose_error(fit.mesh, fit.pose, given.pose, symmetry), math.nan
     if fit.covariance is not None:
         nearest = symmetry.nearest_pose(given.pose, fit.pose)
         deviations = round(count_deviations(fit.covariance, nearest), 2)
+    finding = find_finding(labels, deviations, fit.progress.start_unexplained)
     return {
-        "finding": find_finding(labels, moved.percent, deviations),
+        "finding": finding if moved.percent > MIN_MOVED_PERCENT else "",
         "moved_percent": round(moved.percent, 3),
         "moved_px": round(moved.reprojection_px, 3),
         "moved_deviations": None if math.isnan(deviations) else deviations,
@@ -130,15 +132,15 @@ def audit_numbers(fit: FitResult) -> dict[str, Any]:
     }
 
 
-def find_finding(labels: tuple[str, str], percent: float, deviations: float) -> str:
-    """Say what is wrong with a given pose; "": nothing.
+def find_finding(labels: tuple[str, str], deviations: float, unexplained: float) -> str:
+    """Say what is wrong with a given pose that the search has left; "": nothing.
 
-    ``labels`` are the verdicts at the given pose and at the one found.
+    ``labels`` are the verdicts at the given pose and at the one found, ``deviations`` are between
+    them, and ``unexplained`` is the share that the given pose leaves.
     """
-    is_moved = percent > MIN_MOVED_PERCENT and deviations > MIN_MOVED_DEVIATIONS
-    if labels == ("lost", "lost") and percent > MIN_UNEXPLAINED_PERCENT:
+    if labels == ("lost", "lost") and unexplained > MIN_UNEXPLAINED:
         return UNEXPLAINED
-    return MOVED if labels[1] == "found" and is_moved else ""
+    return MOVED if labels[1] == "found" and deviations > MIN_MOVED_DEVIATIONS else ""
 
 
 def count_deviations(covariance: PoseCovariance, pose: Pose) -> float:
