@@ -386,8 +386,8 @@ def ends_table(comparison: LossComparison | None) -> str:
     first, second = fits[:2]
     apart = pose_error(first.problem.mesh, second.pose, first.pose)
     return (
-        f"{table}\n\nBoth on the pixels about the start. The ends lie {apart.reprojection_px:.1f} px "
-        f"apart ({apart.percent:.2g} % of the model's size in the photo), turned by "
-        f"{apart.rotation_deg:.2g}°. The outline of the "
-        "one that is not taken is pink."
+        f"{table}\n\nBoth on the pixels about the start. The ends lie "
+        f"{apart.reprojection_px:.1f} px apart ({apart.percent:.2g} % of the model's size in the "
+        f"photo), turned by {apart.rotation_deg:.2g}°. The outline of the one that is not taken "
+        "is pink."
     )
