@@ -23,6 +23,7 @@ from playwright.sync_api import Browser, Error
 
 from poseviewer.app.workers.overlay import ALONE_MARGIN
 from poseviewer.evaluation.cases import Case, load_cases, load_starts
+from poseviewer.files.demo import demo_case
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import PoseRecord, load_pose, save_pose
 from poseviewer.files.scene_assets import load_model, view_of_file
@@ -125,16 +126,28 @@ def by_wheels(hand: Hand) -> None:
     hand.search_and_save("Keep it")
 
 
-def by_marked_wheels(hand: Hand, keypoints: VehicleKeypoints) -> None:
-    """Mark wheels that have no names; the car is found by them, and the verdict comes at once."""
+def save_demo_without_wheels(path: Path) -> Path:
+    """Write the demo's car with parts of which no name says that they are wheels."""
+    content = demo_case().model.read_bytes()
+    path.write_bytes(re.sub(rb'"wheel [^"]*', lambda name: b'"'.ljust(len(name[0]), b"p"), content))
+    return path
+
+
+def mark_wheels(hand: Hand, keypoints: VehicleKeypoints, count: int = 2) -> None:
+    """Press the middle of the rear wheel, and of the front one, on the model's picture."""
     hand.press("Wheels")
     hand.tab.page.locator(".pv-model image").wait_for()
     hand.tab.settled_picture()
     now = hand.drawn_alone()
     sides = keypoints.left, keypoints.right
     side = max(sides, key=lambda own: float(-now.camera_from_model.rotation[2] @ own.axle))
-    for hub in (side.rear_wheel, side.front_wheel):
+    for hub in (side.rear_wheel, side.front_wheel)[:count]:
         hand.mark_model(now.project(hub))
+
+
+def by_marked_wheels(hand: Hand, keypoints: VehicleKeypoints) -> None:
+    """Mark wheels that have no names: the car is found by them, with its verdict."""
+    mark_wheels(hand, keypoints)
     hand.tab.wait_for_text("Verdict:")
     hand.save()
 
