@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from playwright.sync_api import Browser, Error
 
+from poseviewer.app.state.marking import pose_beside_wheels
 from poseviewer.app.workers.overlay import ALONE_MARGIN
 from poseviewer.evaluation.cases import Case, load_cases, load_starts
 from poseviewer.files.demo import demo_case
@@ -96,10 +97,11 @@ class Hand:
         self.drag(*self.box(index))
         self.tab.wait_for_text("proposal 1 of")
 
-    def drawn_alone(self) -> Pose:
-        """The pose in the model's picture beside the photo."""
+    def drawn_alone(self, pose: Pose | None = None) -> Pose:
+        """The pose in the model's picture beside the photo, from a side or the usual one."""
         frame = Rectangle(0, 0, *self.size).expand(-ALONE_MARGIN)
-        return fit_into_rectangle(self.look_from("three-quarter"), self.models[0].mesh, frame)
+        pose = pose or self.look_from("three-quarter")
+        return fit_into_rectangle(pose, self.models[0].mesh, frame)
 
     def mark_model(self, at: FloatArray) -> None:
         """Press the model's picture at a place, in px of the photo."""
@@ -138,7 +140,7 @@ def mark_wheels(hand: Hand, keypoints: VehicleKeypoints, count: int = 2) -> None
     hand.press("Wheels")
     hand.tab.page.locator(".pv-model image").wait_for()
     hand.tab.settled_picture()
-    now = hand.drawn_alone()
+    now = hand.drawn_alone(pose_beside_wheels(hand.models[0].mesh, hand.cases[0].truth.camera))
     sides = keypoints.left, keypoints.right
     side = max(sides, key=lambda own: float(-now.camera_from_model.rotation[2] @ own.axle))
     for hub in (side.rear_wheel, side.front_wheel)[:count]:

@@ -9,7 +9,7 @@ from poseviewer.app.page.result import deviations_of
 from poseviewer.app.state import hiding as h
 from poseviewer.app.state.document import WHEELS, label_of, verdict_of
 from poseviewer.app.state.dragging import radius_in_photo
-from poseviewer.app.state.marking import MARKING, looks_like_car, pair_errors
+from poseviewer.app.state.marking import MARKING, pair_errors, pose_beside_wheels
 from poseviewer.app.state.objects import symmetry_text
 from poseviewer.app.state.searches import LossComparison
 from poseviewer.app.state.session import Session
@@ -175,9 +175,9 @@ def _not_found_hint(session: Session) -> str:
 
 def _what_helps(session: Session) -> str:
     """Say what helps to find the active object, which depends on its model."""
-    model = session.document.model
-    has_unknown_wheels = model.keypoints is None and looks_like_car(session.document.mesh)
-    return WHEELS_HINT if has_unknown_wheels else PLACE_HINT
+    document = session.document
+    is_car = pose_beside_wheels(document.mesh, document.pose.camera) is not None
+    return WHEELS_HINT if is_car and document.model.keypoints is None else PLACE_HINT
 
 
 def _has_first_size(session: Session) -> bool:
