@@ -74,8 +74,11 @@ def frame_read(session: Session, index: int, file: PhotoFile | None) -> Session:
         return replace(session, wanted_frame=wanted)
     session = stop_search()(session)
     document = session.document.at_frame(index, file)
-    session = session.without_search(document.scene).with_new_view()
-    return replace(session, document=document, wanted_frame=wanted, comparison=None)
+    session = session.without_search(document.scene)
+    # What was drawn stays until it is drawn anew: nothing flickers while frames go by.
+    results = replace(session.results, landscapes=(), maps_note="")
+    shown = {"document": document, "wanted_frame": wanted, "results": results}
+    return replace(session, **shown, comparison=None)
 
 
 @edit
