@@ -38,6 +38,7 @@ from poseviewer.fit.lighting import render_relit
 from poseviewer.fit.loss import Unexplained
 from poseviewer.fit.problem import FitProblem, make_problem, pose_loss, pose_to_params
 from poseviewer.fit.progress import FitProgress, SearchProgress, Status
+from poseviewer.fit.propagation import FrameStep, propagate
 from poseviewer.fit.search import Search, make_search_result
 from poseviewer.fit.slices import Slice, landscape
 from poseviewer.fit.stages import StageMaker, make_stages
@@ -54,6 +55,7 @@ from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import visible_fraction
 from poseviewer.render.renderers import make_renderer
 from poseviewer.scene.assets import ModelFile
+from poseviewer.scene.frames import store_poses
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import Scene, SceneObject
 from poseviewer.starts.automatic import AUTOMATIC
@@ -444,6 +446,49 @@ class Registration(PosedScene):
             scene = scene.with_object(index, settings=item.settings)
         about = scene, self.renderers, self.object_index, self.view_index
         return FitResult(*about, before=self, progress_by_object=now.progress_by_object)
+
+    def propagate(
+        self, first: int = 0, last: int | None = None, *, threads: int = 1
+    ) -> Iterator[FrameStep]:
+        """Yield the poses of ``track`` frame by frame; to stop it, stop asking.
+
+        Raises:
+            SettingsError: the scene is no sequence, or has no keys.
+        """
+        frames, ids = self.scene.frames, {self.objects[i].id for i in self.indices}
+        if not any(pose.source == "key" for f in frames for i, pose in f.poses.items() if i in ids):
+            found = f"{self.scene.name or 'the scene'}: {len(frames)} frames, and no pose is a key"
+            raise SettingsError(f"{found}; place the model in a frame of a sequence.")
+        renderers = {i: self.renderers[self.objects[i].mesh] for i in self.indices}
+        last = len(frames) - 1 if last is None else last
+        return propagate(self.scene, renderers, first, last, self.indices, threads)
+
+    def track(
+        self,
+        first: int = 0,
+        last: int | None = None,
+        *,
+        watch: Callable[[Scene, FrameStep], object] | None = None,
+        threads: int = 1,
+    ) -> Registration:
+        """Propagate poses from the keys of a sequence to its other frames.
+
+        Args:
+            first: index of the first frame.
+            last: index of the last frame; default: that of the sequence.
+            watch: called after every frame with the scene so far; an exception in it ends it.
+            threads: more of them give the same poses in less time.
+
+        Raises:
+            SettingsError: the scene is no sequence, or has no keys.
+        """
+        scene, notes = self.scene, [*self.notes]
+        for step in self.propagate(first, last, threads=threads):
+            scene = store_poses(scene, {step.frame_index: step.poses})
+            notes += [step.note] if step.note else []
+            if watch is not None:
+                watch(scene, step)
+        return replace(self, scene=scene, notes=tuple(notes), _problems={})
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -18,6 +18,7 @@ from poseviewer.batch import review as r
 from poseviewer.batch.result_folder import ACCEPTED, Row
 from poseviewer.batch.run import save_summaries
 from poseviewer.errors import BatchError, PoseViewerError
+from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_json import as_saved, pose_json
 from poseviewer.render.renderers import RendererName
 
@@ -163,6 +164,9 @@ class Reviewer:
             # If only the start fails, a person can place the model.
             document = open_files(photo, model, None)
         settings = self.settings
+        if queue.batch.is_audit:  # "reset to start" shows the given pose
+            given = load_pose(job.path(job.start)).pose
+            document = document.with_object(start=document.view.world_from_model(given))
         document = document.with_in_view(region=settings.region)
         return document.with_object(settings=replace(settings, region=None), id=str(job.row))
 

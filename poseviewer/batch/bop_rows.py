@@ -5,6 +5,9 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
+
+from msgspec import structs
 
 from poseviewer.batch.job_table import Job, with_keys
 from poseviewer.batch.result_folder import Batch, Row
@@ -14,16 +17,20 @@ from poseviewer.files.formats.bop import (
     MODEL_FILE,
     MODEL_NAME,
     PHOTO_NAME,
-    BopImage,
+    POSES,
     BopObject,
+    SceneFile,
     load_bop_images,
     load_scene_file,
     same_intrinsics,
     save_bop_images,
+    save_scene_files,
 )
-from poseviewer.files.pose import PoseRecord, load_pose, save_pose
-from poseviewer.files.writing import make_folder
+from poseviewer.files.masks import mask_as_png, mask_path
+from poseviewer.files.pose import PoseRecord, load_pose, pose_bytes
+from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.camera import Camera, Perspective, Pose
+from poseviewer.geometry.mask import Mask
 from poseviewer.scene.settings import FitSettings
 
 STARTS = "starts"
@@ -63,7 +70,10 @@ def load_scene_jobs(
             number = posed.object_id
             if objects and number not in objects:
                 continue
-            start = os.path.relpath(_save_start(out, image, posed, instances[number]), scene)
+            more = f"-{instances[number] + 1}" if instances[number] else ""
+            path = out / STARTS / f"{image.number:06d}-{number:06d}{more}.json"
+            save_start(path, PoseRecord.of(Pose(image.camera, posed.camera_from_model)))
+            start = os.path.relpath(path, scene)
             instances[number] += 1
             model = str(relative / MODEL_FILE.format(number))
             jobs.append(Job(len(jobs) + 1, image.photo, model, start, str(scene)))
@@ -72,31 +82,50 @@ def load_scene_jobs(
     return with_keys(jobs, settings)
 
 
-def _save_start(out: Path, image: BopImage, posed: BopObject, instance: int) -> Path:
-    """Save a start pose; an unchanged file keeps its time."""
-    more = f"-{instance + 1}" if instance else ""
-    path = out / STARTS / f"{image.number:06d}-{posed.object_id:06d}{more}.json"
-    new = out / STARTS / ".new.json"
-    save_pose(new, PoseRecord.of(Pose(image.camera, posed.camera_from_model)))
-    if path.is_file() and path.read_bytes() == new.read_bytes():
-        new.unlink()
-    else:
-        new.replace(path)
-    return path
+def save_start(path: Path, record: PoseRecord, mask: Mask | None = None) -> None:
+    """Save a start pose with its mask; an unchanged pose file keeps its time."""
+    if mask is not None:
+        beside = mask_path(path)
+        write_whole(beside, mask_as_png(mask), BatchError, is_own=True)
+        record = structs.replace(record, mask=beside.name)
+    data = pose_bytes(path, record)
+    if not path.is_file() or path.read_bytes() != data:
+        write_whole(path, data, BatchError, is_own=True)
 
 
 def save_bop_poses(batch: Batch, rows: Sequence[Row]) -> None:
-    """Write the poses of a BOP scene's rows, in mm, and the scene's cameras as a BOP scene."""
+    """Write the poses of a BOP scene's rows, in mm, and the scene's cameras as a BOP scene.
+
+    An audit changes accepted poses alone; the rest is the given scene as it is.
+    """
     if batch.scene is None:
+        return
+    cameras = load_scene_file(Path(batch.scene) / CAMERAS)
+    if batch.is_audit:
+        given = load_scene_file(Path(batch.scene) / POSES)
+        for row in rows:
+            if row.result.is_accepted:
+                _entry_of(given, row.job).update(_bop_object(batch, row).as_json())
+        save_scene_files(batch.folder, cameras, given)
         return
     poses: dict[int, list[BopObject]] = defaultdict(list)
     for row in rows:
         if row.result.pose:
-            pose = load_pose(batch.folder / row.result.pose, 1, 1).pose
-            number = _number(MODEL_NAME, row.job.model)
-            posed = BopObject(number, pose.camera_from_model)
-            poses[_number(PHOTO_NAME, row.job.photo)].append(posed)
-    save_bop_images(batch.folder, load_scene_file(Path(batch.scene) / CAMERAS), dict(poses))
+            poses[_number(PHOTO_NAME, row.job.photo)].append(_bop_object(batch, row))
+    save_bop_images(batch.folder, cameras, dict(poses))
+
+
+def _bop_object(batch: Batch, row: Row) -> BopObject:
+    pose = load_pose(batch.folder / row.result.pose, 1, 1).pose
+    return BopObject(_number(MODEL_NAME, row.job.model), pose.camera_from_model)
+
+
+def _entry_of(poses: SceneFile, job: Job) -> dict[str, Any]:
+    """Return the entry of ``scene_gt.json`` that a job starts from, by the name of its start."""
+    image, number, *instance = map(int, Path(job.start).stem.split("-"))
+    entries = next(own for name, own in poses.items() if int(name) == image)
+    same = [entry for entry in entries if entry["obj_id"] == number]
+    return same[instance[0] - 1 if instance else 0]
 
 
 def require_scene_camera(batch: Batch, photo: str, camera: Camera) -> None:

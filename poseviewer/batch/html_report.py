@@ -5,18 +5,25 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
-from poseviewer.batch.result_folder import REJECTED, REPORT, JobResult, Row, worst_first
+from poseviewer.batch.result_folder import (
+    REPORT,
+    JobResult,
+    Row,
+    comparison_text,
+    summarise_findings,
+    worst_first,
+)
 from poseviewer.confidence.verdict import percent_right
 from poseviewer.errors import BatchError
 from poseviewer.files.writing import write_whole
 
 _STYLE = """
 :root { color-scheme: light dark; font: 15px/1.45 system-ui, sans-serif; }
-body { margin: 2rem auto; max-width: 72rem; padding: 0 1rem; }
+body { margin: 2rem auto; max-width: 88rem; padding: 0 1rem; }
 table { border-collapse: collapse; width: 100%; }
 th, td { border-bottom: 1px solid #8884; padding: .5rem; text-align: left; vertical-align: top; }
 td.number { text-align: right; font-variant-numeric: tabular-nums; }
-img { display: block; max-width: 20rem; max-height: 14rem; }
+img { display: block; max-width: 36rem; max-height: 14rem; }
 .failed, .lost { color: #c62828; }
 .doubtful { color: #b26a00; }
 .found, .accepted { color: #2e7d32; }
@@ -26,23 +33,26 @@ td.files { overflow-wrap: anywhere; min-width: 10rem; }
 td.verdict { min-width: 20rem; }
 """
 _COLUMNS = ("pose", "row", "files", "verdict", "unexplained (0 to 1), at the start", "outcome")
+_WORST = "Worst first: those that failed, then by how likely the pose is to be wrong."
+_AUDIT = "{}; worst first. Pictures show the photo, the given outline and the one found."
 _HEAD = f"<tr>{''.join(f'<th>{name}</th>' for name in _COLUMNS)}</tr>"
 
 
 def save_report(folder: Path, rows: Sequence[Row]) -> None:
     """Write ``report.html`` with all rows, the worst first; lost pictures are left out."""
     failed = sum(row.result.failed for row in rows)
-    rejected = sum(row.result.review == REJECTED for row in rows)
-    accepted = sum(bool(row.result.review) for row in rows) - rejected
-    counts = f" {accepted} accepted and {rejected} rejected by a person, which are last."
+    is_audit = any(row.result.given_verdict for row in rows)
+    rejected = sum(row.result.is_rejected for row in rows)
+    accepted = sum(row.result.is_accepted for row in rows)
+    no = "kept" if is_audit else "rejected"
+    counts = f" {accepted} accepted and {rejected} {no} by a person, which are last."
     reviewed = counts if accepted or rejected else ""
     lines = "\n".join(_row(folder, row) for row in worst_first(rows))
     page = (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         f"<title>poseviewer batch</title><style>{_STYLE}</style></head><body>\n"
         f"<h1>{len(rows)} photos</h1>\n<p>{len(rows) - failed} fitted, {failed} failed. "
-        "Worst first: those that failed, then by how likely the pose is to be wrong."
-        f"{reviewed}</p>\n"
+        f"{_AUDIT.format(summarise_findings(rows)) if is_audit else _WORST}{reviewed}</p>\n"
         f"<table><thead>{_HEAD}</thead><tbody>\n{lines}\n</tbody></table></body></html>\n"
     )
     write_whole(folder / REPORT, page.encode(), BatchError)
@@ -67,7 +77,7 @@ def _row(folder: Path, row: Row) -> str:
             f"{result.seconds:.1f} s<br>{escape(result.pose)}"
         )
     if result.review:
-        word = "lost" if result.review == REJECTED else "accepted"
+        word = "lost" if result.is_rejected else "accepted"
         outcome = f'<span class="{word}">{escape(result.review)}</span><br>{outcome}'
     if result.note:
         outcome = f"{outcome}<br><q>{escape(result.note)}</q>"
@@ -81,6 +91,8 @@ def _verdict(result: JobResult) -> str:
     if not result.verdict or result.probability is None:
         return ""
     reasons = "".join(f"<li>{escape(text)}</li>" for text in result.reasons.split("\n"))
+    if result.given_verdict:
+        reasons = f"<li>{escape(comparison_text(result))}</li>{reasons}"
     return (
         f'<span class="{escape(result.verdict)}">{escape(result.verdict)}</span> '
         f"({percent_right(result.verdict, result.probability)} %)<ul>{reasons}</ul>"

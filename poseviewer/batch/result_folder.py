@@ -5,6 +5,7 @@ ended, a row without a result, or whose fit failed, is still to do. ``batch.json
 """
 
 import csv
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, field, fields
@@ -48,6 +49,12 @@ MENDED = "mended"
 """Review of a pose that a person has corrected."""
 REJECTED = "rejected"
 """Review of a pose that a person rejects."""
+KEPT = "kept"
+"""Review in an audit of a given pose that a person keeps, in place of the one found."""
+MOVED = "moved"
+"""Finding of an audit: the search ended ``found``, farther away than the pose is uncertain."""
+UNEXPLAINED = "unexplained"
+"""Finding of an audit: the verdict is ``lost`` at the given pose, and where the search ended."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,8 +91,17 @@ class JobResult:
     focal_px_std: float | None = None
     size_percent_std: float | None = None
     principal_px_std: float | None = None
+    finding: str = ""
+    """In an audit, ``moved`` or ``unexplained``; empty: the given pose may stay."""
+    moved_percent: float | None = None
+    """In an audit, mean distance in the photo from the given pose, in % of the object's size."""
+    moved_px: float | None = None
+    moved_deviations: float | None = None
+    """In an audit, distance from the given pose, in stated standard deviations; None: not known."""
+    given_verdict: str = ""
+    """In an audit, verdict at the given pose."""
     review: str = ""
-    """Review of the pose by a person: ``accepted``, ``mended`` by hand, or ``rejected``."""
+    """Review by a person: ``accepted``, ``mended`` by hand, ``rejected``; ``kept`` in an audit."""
     note: str = ""
     """Note of the person."""
 
@@ -94,9 +110,21 @@ class JobResult:
         """Whether the row could not be fitted."""
         return bool(self.reason)
 
+    @property
+    def is_accepted(self) -> bool:
+        """Whether a person accepts the pose, as it was found or corrected."""
+        return self.review in (ACCEPTED, MENDED)
+
+    @property
+    def is_rejected(self) -> bool:
+        """Whether a person rejects the pose found; in an audit the given one is kept."""
+        return self.review in (REJECTED, KEPT)
+
 
 STDS = tuple(field.name for field in fields(JobResult) if field.name.endswith("_std"))
 """Columns of standard deviations: the names of ``PoseCovariance.deviations`` with ``_std``."""
+AUDIT_COLUMNS = ("finding", "moved_percent", "moved_px", "moved_deviations", "given_verdict")
+"""Columns of an audit alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +148,10 @@ class Batch:
     """Folder of the BOP scene of the rows, absolute; None: they are of a table."""
     mask: Path | None = None
     """Mask of every photo; not in ``batch.json``."""
+    is_audit: bool = False
+    """Whether the starts are given poses, to be compared with those found."""
+    sequence: str | None = None
+    """Scene file of a sequence whose poses are audited, absolute; None: they are of no sequence."""
 
     def rows(self) -> list[Row]:
         """Read the rows that have a result, in their order."""
@@ -141,6 +173,8 @@ class Manifest(Struct, kw_only=True):
     scene: str | None
     settings: dict[str, Any]
     jobs: tuple[Job, ...]
+    audit: bool = False
+    sequence: str | None = None
 
 
 def standard_deviations(covariance: PoseCovariance | None) -> dict[str, Any]:
@@ -150,14 +184,38 @@ def standard_deviations(covariance: PoseCovariance | None) -> dict[str, Any]:
 
 
 def worst_first(rows: Sequence[Row]) -> list[Row]:
-    """Sort rows: failed ones, then by the verdict's probability; reviewed ones come last."""
+    """Sort rows: failed ones, those of an audit with a finding, then by the verdict's probability;
+    reviewed ones come last.
+    """
 
     def order(row: Row) -> tuple[bool, float, int]:
         result = row.result
-        unknown = result.failed or result.probability is None
-        return bool(result.review), -1.0 if unknown else result.probability or 0.0, row.job.row
+        rank = result.probability or 0.0
+        if result.failed or result.probability is None:
+            rank = -math.inf
+        elif result.finding:
+            rank -= 1.0 if result.finding == UNEXPLAINED else 1.0 + (result.moved_percent or 0.0)
+        return bool(result.review), rank, row.job.row
 
     return sorted(rows, key=order)
+
+
+def summarise_findings(rows: Sequence[Row]) -> str:
+    """Return the counts of an audit's findings as text."""
+    findings = [row.result.finding for row in rows]
+    moved, unexplained = (findings.count(name) for name in (MOVED, UNEXPLAINED))
+    return f"given poses: {moved} {MOVED}, {unexplained} {UNEXPLAINED}"
+
+
+def comparison_text(result: JobResult) -> str:
+    """Return what an audit says of a row as a sentence."""
+    deviations = result.moved_deviations
+    sure = "" if deviations is None else f", {deviations:.1f} of its standard deviations"
+    return (
+        f"{result.finding or 'no finding'}: {result.moved_percent:.1f} % of the object's size "
+        f"({result.moved_px:.1f} px{sure}) from the given pose, whose verdict is "
+        f"{result.given_verdict}."
+    )
 
 
 @contextmanager
@@ -210,7 +268,9 @@ def save_table(folder: Path, rows: Sequence[Row]) -> None:
     """Write ``results.csv``, a line for each row."""
     text = StringIO()
     names = [*JOB_COLUMNS, *(field.name for field in fields(JobResult))]
-    table = csv.DictWriter(text, names, lineterminator="\n")
+    if not any(row.result.given_verdict for row in rows):
+        names = [name for name in names if name not in AUDIT_COLUMNS]
+    table = csv.DictWriter(text, names, extrasaction="ignore", lineterminator="\n")
     table.writeheader()
     for row in rows:
         about = {name: getattr(row.job, name) for name in JOB_COLUMNS}
@@ -227,7 +287,8 @@ def _as_text(value: Any) -> Any:
 def save_batch(batch: Batch) -> None:
     """Write ``batch.json``."""
     settings = settings_as_json(batch.settings)
-    manifest = Manifest(scene=batch.scene, settings=settings, jobs=batch.jobs)
+    shared = {"scene": batch.scene, "jobs": batch.jobs, "sequence": batch.sequence}
+    manifest = Manifest(settings=settings, audit=batch.is_audit, **shared)
     data = msgspec.to_builtins(manifest)
     write_json(batch.folder / MANIFEST, data, BatchError, indent=1)
 
@@ -248,4 +309,5 @@ def load_batch(folder: Path) -> Batch:
             "again, what is done is not done twice."
         ) from None
     settings = settings_from_json(manifest.settings)
-    return Batch(folder, manifest.jobs, settings, manifest.scene)
+    known = {"is_audit": manifest.audit, "sequence": manifest.sequence}
+    return Batch(folder, manifest.jobs, settings, manifest.scene, **known)

@@ -7,7 +7,9 @@ from typing import Any
 from poseviewer.batch.bop_rows import require_scene_camera
 from poseviewer.batch.result_folder import (
     ACCEPTED,
+    KEPT,
     MENDED,
+    REJECTED,
     Batch,
     Row,
     load_batch,
@@ -48,8 +50,13 @@ def load_queue(folder: Path) -> ReviewQueue:
 
 
 def decide(queue: ReviewQueue, index: int, review: str) -> ReviewQueue:
-    """Accept or reject a row's pose, or withdraw the review by ``""``."""
+    """Accept or reject a row's pose, or withdraw the review by ``""``.
+
+    In an audit the given pose is kept in place of a rejected one.
+    """
     row = queue.rows[index]
+    if review == REJECTED and queue.batch.is_audit:
+        review = KEPT
     if row.result.failed and review == ACCEPTED:
         raise BatchError(f"Row {row.job.row} has no pose; place the model first.")
     is_mended = review == ACCEPTED and row.result.review == MENDED

@@ -1,10 +1,11 @@
 """A batch from its table to its report."""
 
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from poseviewer.batch.audit import load_frame_jobs, load_given_jobs, save_audited
 from poseviewer.batch.bop_rows import load_scene_jobs, save_bop_poses
 from poseviewer.batch.html_report import save_report
 from poseviewer.batch.job_table import Job, load_jobs
@@ -26,6 +27,7 @@ from poseviewer.batch.result_folder import (
 from poseviewer.batch.run_row import run_row
 from poseviewer.cluster import run_on_cluster
 from poseviewer.errors import BatchError
+from poseviewer.files.file_set import is_scene_file
 from poseviewer.files.writing import make_folder, require_replaceable
 from poseviewer.processes import run_in_processes
 from poseviewer.render.pool import processors
@@ -42,16 +44,19 @@ def open_batch(
     mask: Path | None = None,
     models: Path | None = None,
     objects: Sequence[int] = (),
+    is_audit: bool = False,
 ) -> Batch:
     """Read a table or a BOP scene, and make the folder of results.
 
     Args:
-        table: table of jobs, or folder of a BOP scene.
+        table: table of jobs, or folder of a BOP scene; in an audit also the folder of a batch's
+            results, or the scene file of a sequence.
         folder: folder of the results.
         settings: settings of the fits.
         mask: mask of every photo.
         models: folder of a BOP scene's models.
         objects: numbers of a BOP scene's objects to fit; empty: all with poses.
+        is_audit: whether the starts are given poses, to be compared with those found.
 
     Raises:
         BatchError: the table or scene has no rows, or the folder cannot be used.
@@ -59,21 +64,31 @@ def open_batch(
     table = Path(table)
     folder = Path(folder).resolve()
     scene = None
-    if table.is_dir():
+    is_batch = is_audit and (table / MANIFEST).exists()
+    is_sequence = is_audit and is_scene_file(table)
+    if table.is_dir() and not is_batch:
         scene = str(table.resolve())
         jobs = load_scene_jobs(table.resolve(), folder, settings, models, objects)
     elif models is not None or objects:
         raise BatchError(
-            f"models or objects with {table.name}, which is a table: they are for the folder of a "
-            "BOP scene; leave them out, or name such a folder."
+            f"models or objects with {table.name}, which is no BOP scene: "
+            "they are for the folder of a BOP scene; leave them out, or name such a folder."
         )
+    elif is_sequence:
+        jobs = load_frame_jobs(table.resolve(), folder, settings)
+    elif is_batch:
+        jobs = load_given_jobs(table.resolve(), settings)
     else:
         jobs = load_jobs(table, settings)
     if folder.exists() and folder.samefile(scene or table):
-        raise BatchError(f"{folder}: is the BOP scene itself; name another folder for the results.")
+        raise BatchError(f"{folder}: is what is read; name another folder for the results.")
+    if is_audit:  # the same rows of a batch have other results
+        jobs = tuple(replace(job, key=f"audit-{job.key}") for job in jobs)
     for name in (TABLE, REPORT, MANIFEST):
         require_replaceable(folder / name, BatchError)
-    batch = Batch(folder, jobs, settings, scene, mask.resolve() if mask else None)
+    sequence = str(table.resolve()) if is_sequence else None
+    given = scene, mask.resolve() if mask else None, is_audit, sequence
+    batch = Batch(folder, jobs, settings, *given)
     for name in (ROWS, POSES, PICTURES):
         make_folder(folder / name, BatchError)
     with lock_folder(folder):
@@ -82,7 +97,12 @@ def open_batch(
 
 
 def run_batch(
-    batch: Batch, jobs: Sequence[Job], *, scheduler: str | None = None, processes: int | None = None
+    batch: Batch,
+    jobs: Sequence[Job],
+    *,
+    scheduler: str | None = None,
+    processes: int | None = None,
+    run: Callable[[Job, Batch], JobResult] = run_row,
 ) -> Generator[JobResult, None, None]:
     """Run jobs, and yield their results as they come.
 
@@ -91,11 +111,12 @@ def run_batch(
         jobs: rows to fit.
         scheduler: address of a Dask scheduler; None: run on this machine.
         processes: number of processes; None: one for each processor.
+        run: function that does a job, and writes its result last.
     """
     if not jobs:
         return
     plan = replace(batch, jobs=())  # small, as it is sent with each job
-    fit, processes = partial(run_row, plan=plan), processes or processors()
+    fit, processes = partial(run, plan=plan), processes or processors()
     with lock_folder(batch.folder):
         if scheduler is None:
             results = run_in_processes(fit, jobs, processes)
@@ -107,9 +128,11 @@ def run_batch(
 
 
 def save_summaries(batch: Batch) -> list[Row]:
-    """Write the table, the report and a BOP scene of all results; return the rows."""
+    """Write table and report, and a BOP scene or an audit's table of jobs; return the rows."""
     rows = batch.rows()
     save_table(batch.folder, rows)
     save_report(batch.folder, rows)
     save_bop_poses(batch, rows)
+    if batch.is_audit and batch.scene is None:
+        save_audited(batch, rows)
     return rows

@@ -3,11 +3,13 @@
 import logging
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
 from poseviewer.api import AutoStart, FitResult, load
+from poseviewer.batch.audit import audit_numbers, draw_comparison
 from poseviewer.batch.job_table import COLUMNS, Job, file_stamp
 from poseviewer.batch.result_folder import (
     PICTURES,
@@ -48,19 +50,22 @@ def run_row(job: Job, plan: Batch) -> JobResult:
         return known
     try:
         fit = _fit(job, plan)
-        picture = shrink_picture(fit.picture())
+        picture = draw_comparison(fit) if plan.is_audit else shrink_picture(fit.picture())
+        more = audit_numbers(fit) if plan.is_audit else {}
     except PoseViewerError as error:
         return save_failure(plan.folder, job, str(error))
     except Exception as error:  # noqa: BLE001 - the other rows must go on
         _log.debug("row %d", job.row, exc_info=error)
         return save_failure(plan.folder, job, f"{type(error).__name__}: {error}")
-    return _save_fit(job, plan, fit, picture)
+    return _save_fit(job, plan, fit, picture, more)
 
 
 def _fit(job: Job, plan: Batch) -> FitResult:
     for column in COLUMNS:
         if not getattr(job, column):
             raise SettingsError(f"the row has no {column}; name a file in the column {column!r}.")
+    if plan.is_audit and job.start == AUTOMATIC:
+        raise SettingsError("the start auto in an audit; name the file of the given pose.")
     path, box = job.path(job.model), job.rectangle()
     model, renderer = _load_model_once(path, file_stamp(path), plan.settings)
     start = AutoStart(box) if job.start == AUTOMATIC else job.path(job.start)
@@ -87,7 +92,9 @@ def _load_model_once(
     return model, make_renderer(mesh, settings.renderer)
 
 
-def _save_fit(job: Job, plan: Batch, fit: FitResult, picture: Picture) -> JobResult:
+def _save_fit(
+    job: Job, plan: Batch, fit: FitResult, picture: Picture, more: dict[str, Any]
+) -> JobResult:
     """Write the pose, the picture and, last, the result."""
     progress, verdict = fit.progress, fit.verdict
     assert progress is not None  # a fit ends with it
@@ -95,6 +102,7 @@ def _save_fit(job: Job, plan: Batch, fit: FitResult, picture: Picture) -> JobRes
     names = "loss", "start_loss", "unexplained", "start_unexplained", "evaluations"
     numbers = {name: getattr(progress, name) for name in names}
     numbers |= {"seconds": round(progress.seconds, 3), **standard_deviations(fit.covariance)}
+    numbers |= more
     if verdict is not None:
         numbers |= {"verdict": verdict.label, "probability": round(verdict.probability, 4)}
         numbers |= {"reasons": "\n".join(verdict.reasons)}

@@ -11,18 +11,22 @@ from poseviewer.cli.case import make_settings
 from poseviewer.cli.terminal import progress_bar, say, tell
 from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE
 
+OUT = (
+    table.option("--out FOLDER", "write poses, pictures, table and report here", required=True),
+    table.option("--processes N", "run this number of processes (default: one a processor)"),
+    table.SCHEDULER,
+    table.QUIET,
+)
+BOP_SCENE = (
+    table.option("--models FOLDER", "read obj_000001.ply, ..., in mm, here (default: none)"),
+    table.option("--objects N,...", "fit these objects (default: all with a pose)"),
+)
 OPTIONS = {
     "": (
         table.option("jobs JOBS.csv|BOP_SCENE", "table of jobs, or the folder of a BOP scene"),
-        table.option("--out FOLDER", "write poses, pictures, table and report here", required=True),
-        table.option("--processes N", "run this number of processes (default: one a processor)"),
-        table.SCHEDULER,
-        table.QUIET,
+        *OUT,
     ),
-    "BOP scene": (
-        table.option("--models FOLDER", "read obj_000001.ply, ..., in mm, here (default: none)"),
-        table.option("--objects N,...", "fit these objects (default: all with a pose)"),
-    ),
+    "BOP scene": BOP_SCENE,
     "comparison": table.COMPARED,
     "search": (*table.LIMITS, table.KEEP_START),
 }
@@ -34,11 +38,16 @@ EXAMPLES = (
 
 def run(options: Namespace) -> int:
     """Write a pose and a picture for each row, a table and a report."""
-    from poseviewer.batch.result_folder import REPORT, TABLE
+    return run_rows(options)
+
+
+def run_rows(options: Namespace, is_audit: bool = False) -> int:
+    """Run the rows that are not done yet, and write the summaries of all."""
+    from poseviewer.batch.result_folder import REPORT, TABLE, summarise_findings
     from poseviewer.batch.run import open_batch, run_batch, save_summaries
 
     named = options.jobs, options.out, make_settings(options), options.mask
-    batch = open_batch(*named, options.models, options.objects or ())
+    batch = open_batch(*named, options.models, options.objects or (), is_audit)
     to_do, count = batch.to_do(), len(batch.jobs)
     keys = {job.key for job in to_do}
     if (done := sum(job.key not in keys for job in batch.jobs)) and not options.quiet:
@@ -55,6 +64,8 @@ def run(options: Namespace) -> int:
     failed = sum(row.result.failed for row in rows)
     more = "; stopped, run it again to go on" if stopped else ""
     say(f"{len(rows) - failed} of {count} rows fitted, {failed} failed{more}")
+    if is_audit:
+        say(summarise_findings(rows))
     say(f"table: {options.out / TABLE}\nreport: {options.out / REPORT}")
     if batch.scene is not None:
         say(f"BOP scene: {options.out}")

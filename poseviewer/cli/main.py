@@ -44,7 +44,9 @@ COMMANDS = {
     "undistort": "write the undistorted photo, to which the poses belong",
     "study": "measure from how far off fits find the pose",
     "batch": "fit many photos",
-    "review": "review the results of a batch, the worst first",
+    "track": "propagate poses through a video or a folder of frames",
+    "audit": "refine and judge given poses, and list those that seem wrong",
+    "review": "review the results of a batch or an audit, the worst first",
     "identify": "rank several models by how well they explain a photo",
 }
 """Commands and their lines in ``poseviewer --help``."""

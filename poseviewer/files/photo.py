@@ -24,7 +24,8 @@ from poseviewer.files.writing import write_whole
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import MAX_SIDE_PX, UPRIGHT, Undistortion, undistort
 
-ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
+HEIC_ENDINGS = (".heic", ".heif")
+ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", *HEIC_ENDINGS)
 FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP", "PPM")
 """Pillow's names of them; its readers of others believe the lengths that a file claims."""
 RAW_ENDINGS = (".dng", ".nef", ".cr2", ".cr3", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw")
@@ -70,9 +71,32 @@ def orientation_of(path: str | Path) -> int:
     return number if number in range(1, 9) else UPRIGHT
 
 
+def photo_size(path: str | Path) -> tuple[int, int, int]:
+    """Read width and height (px) of a photo, upright, and EXIF's orientation: the header alone.
+
+    Raises:
+        PhotoFileError: it is not a picture that can be read, or is too large.
+    """
+    file = _photo_input(path)
+    with file.naming_errors(), quiet_libraries(), file.open() as stream:
+        if file.path.suffix.lower() in HEIC_ENDINGS:
+            photo = load_photo(path)
+            return photo.width, photo.height, UPRIGHT
+        try:
+            with Image.open(stream, formats=FORMATS) as image:
+                is_late = image.format == "PNG" and "exif" not in image.info  # getexif decodes it
+                size, exif = image.size, Image.Exif() if is_late else image.getexif()
+        except UnidentifiedImageError:
+            raise file.error("not a picture that can be read", "wanted a whole one") from None
+        _refuse_size(file, *size)
+    orientation = exif.get(Tag.Orientation, UPRIGHT)
+    orientation = orientation if orientation in range(1, 9) else UPRIGHT
+    return *(size[::-1] if orientation > 4 else size), orientation
+
+
 def was_taken_by_a_camera(path: str | Path) -> bool:
     """Tell whether a picture's EXIF names camera or exposure, or it is HEIC, of cameras alone."""
-    is_heic = Path(path).suffix.lower() in (".heic", ".heif")
+    is_heic = Path(path).suffix.lower() in HEIC_ENDINGS
     return is_heic or not OF_CAMERAS.isdisjoint(_exif_tags(path))
 
 

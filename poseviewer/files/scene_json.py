@@ -356,7 +356,13 @@ def as_saved(scene: Scene, *, canonical: bool = True) -> Scene:
     """
     canonical = canonical and not scene.frames
     objects = tuple(_object_as_saved(scene, i, canonical) for i in range(len(scene.objects)))
-    return replace(scene, objects=objects, software=SOFTWARE)
+    frames, ids = [], {item.id for item in objects}
+    for frame in scene.frames:
+        if frame.poses.keys() - ids:  # of objects that were removed
+            poses = {name: pose for name, pose in frame.poses.items() if name in ids}
+            frame = replace(frame, poses=poses)
+        frames.append(frame)
+    return replace(scene, objects=objects, software=SOFTWARE, frames=tuple(frames))
 
 
 def _object_as_saved(scene: Scene, index: int, canonical: bool) -> SceneObject:

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 from msgspec import structs
 
-from poseviewer.confidence.pose_covariance import joint_covariance
+from poseviewer.confidence.pose_covariance import PoseCovariance, joint_covariance
 from poseviewer.confidence.verdict import Features, Verdict, judge, judge_together
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.covariance import find_covariance
@@ -56,15 +56,27 @@ OUTLINE_OVERLAP = 0.75
 """Intersection over union of two silhouettes from which they count as the same."""
 
 
-def judge_end(progress: FitProgress, renderer: Renderer, threads: int = 1) -> FitProgress:
+def judge_end(
+    progress: FitProgress,
+    renderer: Renderer,
+    threads: int = 1,
+    probed: Features | None = None,
+    covariance: PoseCovariance | None = None,
+) -> FitProgress:
     """Add the verdict on a search's final pose, and its covariance.
 
     The verdict is ``lost`` where the model is not visible.
+
+    Args:
+        progress: end of the search.
+        renderer: renderer of the model.
+        threads: number of threads.
+        probed: features of a pose near by, for the losses about this one; None: evaluate these.
+        covariance: covariance of the pose; None: find it.
     """
     problem = progress.problem
     parameters = progress.parameters
     features = None
-    covariance = None
     if len(problem.views) > 1:
         pairs = zip(problem.by_view, problem.poses(parameters), strict=True)
         in_views = [replace(progress, problem=problem, pose=pose) for problem, pose in pairs]
@@ -78,9 +90,11 @@ def judge_end(progress: FitProgress, renderer: Renderer, threads: int = 1) -> Fi
     if progress.status is not Status.NOTHING_SEEN:
         # Raises for a pose in part behind the camera, or on the border of its chart.
         with suppress(PoseViewerError), closing(probing()) as probe:
-            features = gather_features(probe)
+            features = gather_features(probe, probed)
     verdict = _with_symmetry(judge(features), problem)
-    if features is not None and verdict.label != "lost":
+    if features is None or verdict.label == "lost":
+        covariance = None
+    elif covariance is None:
         # Raises where poses beside it leave the photo.
         unknown = PoseViewerError, OutsideChartError, np.linalg.LinAlgError
         with suppress(*unknown), closing(probing(is_fine=True)) as probe:
@@ -97,8 +111,12 @@ def _with_symmetry(verdict: Verdict, problem: FitProblem) -> Verdict:
     return structs.replace(verdict, reasons=(*verdict.reasons, reason))
 
 
-def gather_features(probe: Probe) -> Features | None:
+def gather_features(probe: Probe, probed: Features | None = None) -> Features | None:
     """Gather the features of a pose; they do not depend on the number of threads.
+
+    Args:
+        probe: probe of the pose.
+        probed: features of a pose near by, for the losses about this one; None: evaluate these.
 
     Returns:
         The features; None if the model is invisible, or in part behind the camera.
@@ -107,10 +125,28 @@ def gather_features(probe: Probe) -> Features | None:
     renderer = probe.renderer
     pose = probe.chart.start
     drawn = model_mask(photo, renderer, pose)
-    here = float(probe.losses(np.zeros((1, len(probe.motions))))[0])
     seen = np.count_nonzero(drawn & (photo.weights > 0.0))
-    if seen < MIN_VISIBLE_PIXELS or not math.isfinite(here):
+    if seen < MIN_VISIBLE_PIXELS:
         return None
+    if probed is None:
+        here = float(probe.losses(np.zeros((1, len(probe.motions))))[0])
+        if not math.isfinite(here):
+            return None
+        margin = _turn_margin(probe, here)
+        spread = 100.0 * float(np.median(_distances_of_returns(probe)))
+    else:
+        margin, spread = probed.turn_margin, probed.spread_percent
+    return Features(
+        turn_margin=margin,
+        spread_percent=spread,
+        outline=outline_support(photo.channels, photo.weights, drawn),
+        seen=visible_fraction(photo, renderer, pose),
+        alike=_alike_fraction(renderer.render(level_pose(pose, photo.factor))),
+    )
+
+
+def _turn_margin(probe: Probe, here: float) -> float:
+    """Loss that the best turn adds to that of the pose, in deviations of wrong poses' losses."""
     losses, turned = (
         all_losses[np.isfinite(all_losses)]
         for all_losses in (probe.losses(_wrong_steps(probe)), probe.losses(probe.turns()))
@@ -119,13 +155,7 @@ def gather_features(probe: Probe) -> Features | None:
     scale = max(1.4826 * float(np.median(np.abs(losses - typical))), 1e-6)
     # If no rotation is free, a typical wrong pose stands for the best turned one.
     gain = float((turned - here).min()) if len(turned) else max(typical - here, 0.0)
-    return Features(
-        turn_margin=gain / scale,
-        spread_percent=100.0 * float(np.median(_distances_of_returns(probe))),
-        outline=outline_support(photo.channels, photo.weights, drawn),
-        seen=visible_fraction(photo, renderer, pose),
-        alike=_alike_fraction(renderer.render(level_pose(pose, photo.factor))),
-    )
+    return gain / scale
 
 
 def _alike_fraction(image: AttributeImage) -> float:

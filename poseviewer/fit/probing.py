@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import islice
 
 import numpy as np
@@ -23,7 +23,12 @@ from poseviewer.geometry.transform import rotation_about
 from poseviewer.optimise import nelder_mead
 from poseviewer.render.attributes import Renderer
 from poseviewer.render.pool import RendererPool
-from poseviewer.render.pyramid.levels import coarsest_level, lighter_level, with_structure
+from poseviewer.render.pyramid.levels import (
+    Level,
+    coarsest_level,
+    lighter_level,
+    with_structure,
+)
 
 SMALL_STEP = 1e-4
 """Step of a derivative by a chart's parameter, in units of its scale."""
@@ -73,12 +78,23 @@ class Probe:
             plain = replace(photo, weights=near, clipped=False)
             photo = with_structure(plain, working_factor(self.mesh, pose))
         self.photo = photo
-        if is_fine:
-            self.level = lighter_level(photo, renderer, pose)
-        else:
-            self.level = coarsest_level(photo, renderer, pose, MIN_STRUCTURE_PIXELS)
-        self._pool = RendererPool(self.level.renderer, threads)
-        self.close = self._pool.close
+        self._is_fine, self._threads = is_fine, threads
+
+    @cached_property
+    def level(self) -> Level:
+        """The photo's level on which losses are evaluated."""
+        about = self.photo, self.renderer, self.chart.start
+        least = MIN_STRUCTURE_PIXELS
+        return lighter_level(*about) if self._is_fine else coarsest_level(*about, least)
+
+    @cached_property
+    def _pool(self) -> RendererPool:
+        return RendererPool(self.level.renderer, self._threads)
+
+    def close(self) -> None:
+        """End the threads."""
+        if "_pool" in self.__dict__:
+            self._pool.close()
 
     def pose(self, step: FloatArray) -> Pose:
         """Return the pose at a step.

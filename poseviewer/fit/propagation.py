@@ -10,41 +10,62 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
+from msgspec import structs
 
-from poseviewer.confidence.pose_covariance import PoseCovariance
+from poseviewer.confidence.pose_covariance import PoseCovariance, region_reach
+from poseviewer.confidence.verdict import Features
 from poseviewer.errors import PoseViewerError
+from poseviewer.fit.covariance import SPREAD, VISIBLE_POWER
 from poseviewer.fit.judge import judge_end
+from poseviewer.fit.loss import PARTS
 from poseviewer.fit.occlusion import find_occluded
-from poseviewer.fit.problem import FitProblem, make_problem
+from poseviewer.fit.problem import FitProblem, make_problem, pose_loss, with_min_coverage
+from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.search import with_end
-from poseviewer.fit.stages import (
-    LAST_MODELS,
-    MIN_STRUCTURE_PIXELS,
-    Stage,
-    fit_pose,
-    make_stages,
-)
+from poseviewer.fit.stages import MIN_STRUCTURE_PIXELS, PAPER_LOSS_PER_LOSS
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.pose_error import pose_error
 from poseviewer.optimise import cma_es, quadratic
 from poseviewer.optimise.cma_es import CmaOptions
+from poseviewer.optimise.protocol import Minimiser
+from poseviewer.optimise.quadratic import QuadraticOptions
 from poseviewer.render.attributes import Renderer
-from poseviewer.render.pyramid.levels import coarsest_level, lighter_level
-from poseviewer.scene.frames import key_indices, show_frame
+from poseviewer.render.pool import RendererPool
+from poseviewer.render.pyramid.levels import Level, coarsest_level, lighter_level, visible_fraction
+from poseviewer.scene.frames import key_indices, neighbouring_keys, show_frame
 from poseviewer.scene.types import FramePose, Scene
 
 FIRST_DEVIATION = 0.06
 """Standard deviation of a step at unknown velocity, in radians and in radii of the model."""
 MIN_DEVIATION = 0.006
 """Least standard deviation of a step about the predicted one, in the same units."""
+SMOOTHING = 0.5
+"""Weight of the last step in the velocity: one step alone has the errors of two poses."""
+JUMP_DEVIATIONS = 5.0
+"""Root mean square distance from the predicted pose from which a pose is not found."""
+PRIOR_WEIGHT = 0.002
+"""Loss at one deviation of the prior: little, as the velocity lags behind where it changes."""
+WIDE = CmaOptions(sigma=0.6, population=16, generations=16, prior_weight=0.0, min_sigma=0.1)
+"""CMA-ES on the coarsest level at unknown velocity, in deviations of the prior."""
+COARSE = QuadraticOptions(sampling_radius=2.0, contour_level=0.6, rounds=2)
+"""Quadratic models on the coarsest level, in deviations of the prior."""
+FINE = QuadraticOptions(sampling_radius=1.0, contour_level=0.3, rounds=3, growth=2.0)
+"""Quadratic models on the photo, about the coarse minimum."""
+PROBE_EVERY = 6
+"""Frames from one full verdict to the next, if the pose stays as good as it was there."""
+DOUBT = 0.1
+"""Change of visible fraction, of edge support and of the loss's third that asks for a full one."""
 MAX_DOUBTFUL = 5
-"""Doubtful frames in a row that a track survives."""
-JUMP_DEVIATIONS = 6.0
-"""Distance from the predicted pose, in standard deviations, from which a pose is not found."""
+"""Doubtful poses in a row that a track survives."""
+JUMP_PERCENT = 1.0
+"""Distance of both ways, in % of the model's size, up to which nobody sees a jump."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,22 +102,47 @@ def propagate(
     """
     chosen = range(len(scene.objects)) if object_indices is None else object_indices
     chosen = [index for index in chosen if not scene.objects[index].locked]
-    for begin, end in split_at_keys(scene, first, last, chosen):
-        chain = _Chain(scene, renderers, chosen, threads)
-        yield from chain.sweep(range(begin, end + 1))
-        yield from chain.sweep(range(end, begin - 1, -1))
+    for chain in split_at_keys(scene, first, last, chosen):
+        tracks = _Chain(scene, renderers, chosen, threads, chain, (first, last))
+        yield from tracks.sweep(range(chain[0], chain[1] + 1))
+        yield from tracks.sweep(range(chain[1], chain[0] - 1, -1))
 
 
 def split_at_keys(
     scene: Scene, first: int, last: int, object_indices: Sequence[int]
 ) -> list[tuple[int, int]]:
-    """Return the first and last frame of each chain: chains meet where all objects have keys."""
-    keys = [set(key_indices(scene, scene.objects[index].id)) for index in object_indices]
-    if not keys or not any(keys):
-        return []
+    """Return the first and last frame of each chain; chains meet where all objects have keys.
+
+    They begin beside ``first`` and end beside ``last`` where poses there are known, or else at the
+    nearest key if there is none between.
+
+    Args:
+        scene: sequence with keys.
+        first: index of the first frame.
+        last: index of the last frame.
+        object_indices: indices of the objects.
+    """
+    ids = [scene.objects[index].id for index in object_indices]
+    keys = [set(key_indices(scene, name)) for name in ids]
+    known = set[int]().union(*keys)
+
+    def is_posed(index: int) -> bool:
+        poses = scene.frames[index].poses if 0 <= index < len(scene.frames) else {}
+        return any(name in poses and not poses[name].is_stale for name in ids)
+
     first, last = max(first, 0), min(last, len(scene.frames) - 1)
-    ends = sorted({first, last, *(k for k in set.intersection(*keys) if first < k < last)})
-    return list(pairwise(ends)) if len(ends) > 1 else [(first, last)]
+    inside = {key for key in known if first <= key <= last}
+    before = [key for key in known - inside if key < first]
+    if is_posed(first - 1):
+        first -= 1
+    elif not inside and before:
+        first = max(before)
+    if is_posed(last + 1):
+        last += 1
+    elif not inside and not before:
+        last = min(known, default=last)
+    cuts = {key for key in set(known).intersection(*keys) if first < key < last}
+    return list(pairwise(sorted({first, last, *cuts}))) if known else []
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,6 +159,12 @@ class _Track:
     """(6,): of a pose about the predicted one."""
     doubtful: int = 0
     """Doubtful poses in a row."""
+    probed: Features | None = None
+    """Features of the last found pose with a full verdict."""
+    probed_loss: float = 0.0
+    """Loss of that pose."""
+    age: int = 0
+    """Poses since then."""
 
     def predict(self, time: float) -> PoseCovariance:
         """Return the distribution of the pose at a time."""
@@ -124,14 +176,15 @@ class _Track:
             variance = np.clip(self.variance, (MIN_DEVIATION * units) ** 2, variance)
         return replace(_deviations_about(self.mesh, pose), matrix=np.diag(variance))
 
-    def follow(self, pose: Pose, time: float, is_doubtful: bool = False) -> _Track:
+    def follow(self, pose: Pose, time: float) -> _Track:
         """Go on to the pose at a time."""
-        velocity = _deviations_about(self.mesh, self.pose).deviation(pose) / (time - self.time)
         prior = self.predict(time)
-        off, before = prior.deviation(pose) ** 2, np.diag(prior.matrix)
-        variance = off if self.velocity is None else 0.7 * before + 0.3 * off
-        doubtful = self.doubtful + 1 if is_doubtful else 0
-        return _Track(self.mesh, pose, time, velocity, variance, doubtful)
+        velocity = _deviations_about(self.mesh, self.pose).deviation(pose) / (time - self.time)
+        variance = prior.deviation(pose) ** 2
+        if self.velocity is not None:
+            velocity = SMOOTHING * velocity + (1.0 - SMOOTHING) * self.velocity
+            variance = SMOOTHING * variance + (1.0 - SMOOTHING) * np.diag(prior.matrix)
+        return replace(self, pose=pose, time=time, velocity=velocity, variance=variance)
 
 
 def _deviations_about(mesh: Mesh, pose: Pose) -> PoseCovariance:
@@ -142,102 +195,219 @@ class _Chain:
     """Tracks of some objects through the frames from one key to the next."""
 
     def __init__(
-        self, scene: Scene, renderers: Mapping[int, Renderer], chosen: Sequence[int], threads: int
+        self,
+        scene: Scene,
+        renderers: Mapping[int, Renderer],
+        chosen: Sequence[int],
+        threads: int,
+        ends: tuple[int, int],
+        wanted: tuple[int, int],
     ) -> None:
         self._scene, self._renderers, self._threads = scene, renderers, threads
-        self._chosen = chosen
+        self._chosen, self._ends, self._wanted = chosen, ends, wanted
+        self._tracks: dict[int, _Track] = {}
         self._forwards: dict[tuple[int, int], FramePose] = {}
         """Poses of the way forwards, by object and frame."""
 
     def sweep(self, frames: range) -> Iterator[FrameStep]:
         """Follow the objects through the frames, in the order of these."""
-        tracks: dict[int, _Track] = {}
+        self._tracks, (first, last) = {}, self._wanted
         for frame_index in frames:
             poses = self._scene.frames[frame_index].poses
-            is_outside = frame_index == frames[0]
             due = []
             for index in self._chosen:
-                known = poses.get(self._scene.objects[index].id)
+                item = self._scene.objects[index]
+                known, track = poses.get(item.id), self._tracks.get(index)
+                is_outside = not first <= frame_index <= last and known and not known.is_stale
                 if known is not None and (known.source == "key" or is_outside):
-                    tracks[index] = self._continue(tracks.get(index), index, frame_index, known)
-                elif index in tracks:
+                    pose, time = (
+                        self._scene.views[0].pose(known.world_from_model),
+                        self._time(frame_index),
+                    )
+                    track = (
+                        _Track(item.mesh, pose, time) if track is None else track.follow(pose, time)
+                    )
+                    self._tracks[index] = track
+                elif track is not None:
                     due.append(index)
             if due:
-                yield self._step(frame_index, due, tracks, frames.step)
+                yield self._step(frame_index, due, frames.step > 0)
 
     def _time(self, frame_index: int) -> float:
         time = self._scene.frames[frame_index].time_s
         return float(frame_index) if time is None else time
 
-    def _continue(
-        self, track: _Track | None, index: int, frame_index: int, known: FramePose
-    ) -> _Track:
-        pose, time = self._scene.views[0].pose(known.world_from_model), self._time(frame_index)
-        mesh = self._scene.objects[index].mesh
-        return _Track(mesh, pose, time) if track is None else track.follow(pose, time)
-
-    def _step(
-        self, frame_index: int, due: list[int], tracks: dict[int, _Track], direction: int
-    ) -> FrameStep:
+    def _step(self, frame_index: int, due: Sequence[int], is_forwards: bool) -> FrameStep:
         """Search for the objects that are ``due`` in a frame, the nearest first."""
         scene, time = show_frame(self._scene, frame_index), self._time(frame_index)
-        priors = {index: tracks[index].predict(time) for index in due}
+        priors = {index: self._tracks[index].predict(time) for index in due}
         for index, prior in priors.items():
             scene = scene.with_pose(index, prior.pose)
         poses, notes = dict[str, FramePose](), list[str]()
         for index in sorted(due, key=lambda index: scene.model_at(index).depth):
+            track = self._tracks.pop(index)
             try:
-                scene = self._search(scene, index, priors[index])
+                end = self._search(scene, index, track, priors[index])
+                scene = with_end(scene, index, end, self._renderers[index])
             except PoseViewerError as error:
                 notes.append(str(error))
-                del tracks[index]
                 continue
-            item = scene.objects[index]
+            item, verdict = scene.objects[index], end.verdict
+            assert verdict is not None
             assert item.result is not None
-            assert item.result.verdict is not None
-            label = item.result.verdict.label
-            pose = scene.pose(index)
-            tracks[index] = tracks[index].follow(pose, time, label != "found")
-            if label == "lost" or tracks[index].doubtful > MAX_DOUBTFUL:
-                notes.append(f"{item.label} is lost: {item.result.verdict.reasons[0]}")
-                del tracks[index]
+            doubtful = 0 if verdict.label == "found" else track.doubtful + 1
+            if verdict.label == "lost" or doubtful > MAX_DOUBTFUL:
+                name = self._scene.frames[frame_index].file.name
+                notes.append(f"{item.label} is lost in {name}: {verdict.share_right}.")
                 continue
-            result = replace(item.result, hidden=())
-            place = item.world_from_model
-            new = FramePose(world_from_model=place, source="propagated", result=result)
-            if direction > 0:
-                self._forwards[index, frame_index] = new
+            track = _probed_by(track, end)
+            track = replace(track, doubtful=doubtful)
+            self._tracks[index] = track.follow(end.pose, time)
+            # Masks of all frames would fill the memory.
+            pose = FramePose(
+                world_from_model=item.world_from_model,
+                source="propagated",
+                result=replace(item.result, hidden=()),
+            )
+            if is_forwards:
+                self._forwards[index, frame_index] = pose
             elif (index, frame_index) in self._forwards:
-                new = self._forwards[index, frame_index]
-            poses[item.id] = new
+                ahead = self._forwards[index, frame_index]
+                pose, note = self._blend(index, frame_index, ahead, pose)
+                notes += [note] if note else []
+            poses[item.id] = pose
         return FrameStep(frame_index, poses, " ".join(notes))
 
-    def _search(self, scene: Scene, index: int, prior: PoseCovariance) -> Scene:
-        """Search for an object about its predicted pose."""
-        settings = replace(
-            scene.objects[index].settings,
-            free_focal=False,
-            free_principal_point=False,
-        )
+    def _search(
+        self, scene: Scene, index: int, track: _Track, prior: PoseCovariance
+    ) -> FitProgress:
+        """Search for an object about its predicted pose, and judge the end."""
+        settings = scene.objects[index].settings
+        settings = replace(settings, free_focal=False, free_principal_point=False)
         problem, _ = make_problem(scene.with_object(index, settings=settings), index)
         renderer = self._renderers[index]
         if problem.is_structured and settings.in_front == "find":
             view = problem.views[0]
             mask = find_occluded(view.photo, renderer, prior.pose)
             problem = replace(problem, views=(view.without(mask),))
-        *_, end = fit_pose(problem, renderer, self._threads, make=_stages)
-        return with_end(scene, index, judge_end(end, renderer, self._threads), renderer)
+        end, covariance = _search_near(
+            problem, renderer, prior, self._threads, track.velocity is None
+        )
+        judging = renderer, self._threads
+        judged = judge_end(end, *judging, track.probed, covariance)
+        if track.probed is not None and not _stays(track, judged):
+            judged = judge_end(end, *judging, None, covariance)
+        off = prior.deviation(end.pose) / np.sqrt(np.diag(prior.matrix))
+        verdict = judged.verdict
+        if (
+            verdict is not None
+            and verdict.label == "found"
+            and np.mean(off**2) > JUMP_DEVIATIONS**2
+        ):
+            reason = "It jumped away from where its motion led."
+            verdict = structs.replace(verdict, label="doubtful", reasons=(reason, *verdict.reasons))
+        return replace(judged, verdict=verdict)
+
+    def _blend(
+        self, index: int, frame_index: int, ahead: FramePose, back: FramePose
+    ) -> tuple[FramePose, str]:
+        """Blend the poses of both ways by the nearness of their keys; note a jump between them."""
+        item, view = self._scene.objects[index], self._scene.views[0]
+        keys = neighbouring_keys(self._scene, item.id, frame_index)
+        before, after = max(keys[0], self._ends[0]), min(keys[1], self._ends[1])
+        share = (frame_index - before) / (after - before)
+        known = [way.result.covariance if way.result else None for way in (ahead, back)]
+        nearer = ahead if share < 0.5 else back
+        if known[0] is None or known[1] is None:
+            return nearer, ""
+        equal = item.symmetry.nearest_pose(known[1].pose, known[0].pose)
+        deviation = known[0].deviation(equal)
+        spread = known[0].matrix + known[1].matrix
+        apart = float(deviation @ np.linalg.lstsq(spread, deviation, rcond=None)[0]) ** 0.5
+        percent = pose_error(item.mesh, equal, known[0].pose).percent
+        if apart > region_reach(len(deviation)) and percent > JUMP_PERCENT:
+            note = f"{item.label}: both ways end {percent:.1f} % of its size apart here."
+            return nearer, note
+        pose = known[0].pose_at(share * deviation)
+        place = view.world_from_model(pose, ahead.world_from_model.scale)
+        result = max(ahead.result, back.result, key=lambda own: own.verdict.probability)
+        result = replace(result, covariance=replace(result.covariance, pose=pose), chart=None)
+        return replace(nearer, world_from_model=place, result=result), ""
 
 
-def _stages(problem: FitProblem, renderer: Renderer, start: FloatArray) -> tuple[Stage, ...]:
-    if not problem.is_structured:
-        return make_stages(problem, renderer, start)
-    pose = problem.chart.to_pose(start)
-    coarse = coarsest_level(problem.photo, renderer, pose, MIN_STRUCTURE_PIXELS)
-    light = lighter_level(problem.photo, renderer, pose)
-    first = CmaOptions(sigma=0.03, population=16, generations=12, prior_weight=0.5, min_sigma=4e-3)
-    last = replace(LAST_MODELS, rounds=3)
-    return (
-        Stage((coarse,), cma_es.minimise, first, rescore_every=np.inf),
-        Stage((light,), quadratic.minimise, last, along_axes=True),
+def _probed_by(track: _Track, end: FitProgress) -> _Track:
+    """Keep the features of a found pose with a full verdict."""
+    assert end.verdict is not None
+    if end.verdict.label != "found":
+        return replace(track, probed=None)
+    features = Features(**end.verdict.features)
+    probed = track.probed
+    if probed is not None and features.turn_margin == probed.turn_margin:
+        return replace(track, age=track.age + 1)
+    return replace(track, probed=features, probed_loss=end.loss, age=0)
+
+
+def _stays(track: _Track, end: FitProgress) -> bool:
+    """Tell whether a pose is as good as the last one with a full verdict, so that this holds."""
+    probed, verdict = track.probed, end.verdict
+    if probed is None or verdict is None or verdict.label != "found":
+        return False
+    now = verdict.features
+    drop = max(probed.outline - now["outline"], probed.seen - now["seen"])
+    rise = (end.loss - track.probed_loss) / PARTS
+    return track.age < PROBE_EVERY and drop < DOUBT and rise < DOUBT
+
+
+def _search_near(
+    problem: FitProblem, renderer: Renderer, prior: PoseCovariance, threads: int, is_wide: bool
+) -> tuple[FitProgress, PoseCovariance | None]:
+    """Search about a predicted pose; return the end, and the covariance of its pose."""
+    photo, chart, free = problem.photo, problem.chart, problem.free_indices
+    unit = 1.0 if problem.is_structured else PAPER_LOSS_PER_LOSS
+    if photo.clipped:
+        problem = with_min_coverage(problem, renderer)
+    variances, directions = np.linalg.eigh(prior.in_chart(chart)[np.ix_(free, free)])
+    start = best = problem.start[free]
+    scale = axes = directions * np.sqrt(variances)
+    whitening = np.linalg.inv(scale)
+    evaluations, value = 0, np.inf
+
+    def search(level: Level, minimise: Minimiser[Any], options: Any) -> None:
+        nonlocal best, axes, value, evaluations
+        on_level = problem.on([level.photo])
+
+        def loss(own: Renderer, point: FloatArray) -> float:
+            nonlocal evaluations
+            evaluations += 1
+            off = whitening @ (point - start)
+            own_loss = pose_loss(on_level, own, problem.complete(point))
+            return own_loss + unit * PRIOR_WEIGHT * float(off @ off)
+
+        if isinstance(options, QuadraticOptions):
+            gain, contour = unit * options.min_gain, unit * options.contour_level
+            options = replace(options, min_gain=gain, contour_level=contour)
+        with RendererPool(level.renderer, threads) as pool:
+            *_, state = minimise(partial(pool.map, loss), best, axes, options)
+        best, value = state.best, state.value
+        axes = axes if state.axes is None else state.axes
+
+    coarse = coarsest_level(photo, renderer, prior.pose, MIN_STRUCTURE_PIXELS)
+    search(coarse, *((cma_es.minimise, WIDE) if is_wide else (quadratic.minimise, COARSE)))
+    search(lighter_level(photo, renderer, prior.pose), quadratic.minimise, FINE)
+    parameters = problem.complete(best)
+    pose = chart.to_pose(parameters)
+    end = replace(
+        FitProgress.at_start(problem),
+        parameters=parameters,
+        pose=pose,
+        loss=value,
+        evaluations=evaluations,
+        status=Status.CONVERGED,
     )
+    if not problem.is_structured:
+        return end, None
+    seen = visible_fraction(photo, renderer, pose)
+    factor = SPREAD / (end.unexplained * max(seen, 0.1) ** VISIBLE_POWER)
+    whole = np.zeros((len(parameters),) * 2)
+    whole[np.ix_(free, free)] = factor**2 * axes @ axes.T / (2.0 * FINE.contour_level)
+    return end, PoseCovariance.from_chart(problem.mesh, pose, chart, whole)

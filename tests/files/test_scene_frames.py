@@ -94,6 +94,9 @@ def test_poses_of_a_sequence_are_saved_as_they_are(path):
     saved = as_saved(shown)
     assert saved.objects[0].world_from_model is item.world_from_model
     assert not saved.objects[0].in_views
+    assert saved.frames == scene.frames
+    without = as_saved(replace(scene, objects=scene.objects[1:]))
+    assert not any(frame.poses for frame in without.frames)
 
 
 @pytest.mark.parametrize(("change", "words"), [

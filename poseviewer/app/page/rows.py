@@ -1,6 +1,7 @@
 """The list of a batch's rows in a review, and the controls of the one that is open."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache
 from html import escape
 from pathlib import Path
@@ -10,9 +11,10 @@ import numpy as np
 
 from poseviewer.app.page.controls import Controls, jpeg_url, on_press, plain
 from poseviewer.app.reviewing import Reviewer
+from poseviewer.app.state.keys_and_buttons import ACTIONS
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.tasks import QueuedTask
-from poseviewer.batch.result_folder import REJECTED, Row
+from poseviewer.batch.result_folder import KEPT, REJECTED, Row, comparison_text
 from poseviewer.batch.review import ReviewQueue
 from poseviewer.fit.progress import Status
 
@@ -23,6 +25,8 @@ MAX_BEFORE = 50
 MAX_AFTER = 150
 """Rows in the list after the open one."""
 DOT = "data:image/gif;base64,R0lGODlhAQABAIAAAAAAAP///yH5BAEAAAAALAAAAAABAAEAAAIBRAA7"
+UNDONE = {REJECTED: "rejection", KEPT: "keeping"}
+"""Name of each review but an acceptance."""
 TO_ROW = "let r=this.parentNode,l=r.parentNode;l.scrollTop=r.offsetTop-l.clientHeight/3"
 """Script of the row that is open: it scrolls the list, and the list alone, to that row."""
 
@@ -37,7 +41,7 @@ def add_rows(controls: Controls, review: Reviewer) -> None:
 
     def undo(session: Session) -> str:
         word = read(session, lambda row: row.result.review)
-        return word and f"Undo {'rejection' if word == REJECTED else 'acceptance'}"
+        return word and f"Undo {UNDONE.get(word, 'acceptance')}"
 
     def note_text(session: Session) -> str:
         """The note; one that is being typed stays until another row is open."""
@@ -53,7 +57,10 @@ def add_rows(controls: Controls, review: Reviewer) -> None:
     with controls.gui.add_folder("Review"):
         controls.html(lambda s: rows_list(review.queue, review.row_at(s.document)))
         controls.actions("Go to", "previous row", "next row")
-        controls.actions("Pose", "accept", "reject")
+        accept, reject = ACTIONS["accept"], ACTIONS["reject"]
+        if review.queue.batch.is_audit:
+            reject = replace(reject, name="Keep given")
+        controls.choices("Pose", {own.label(): own.request for own in (accept, reject)})
         controls.button(undo, review.decide(""), visible=lambda s: bool(undo(s)))
         controls.text(lambda s: read(s, lambda row: row_text(row, s.is_unsaved)))
         note = controls.gui.add_text("Note", "")
@@ -65,17 +72,19 @@ def rows_list(queue: ReviewQueue, at: int | None) -> str:
     rows, middle = queue.rows, at or 0
     first, end = max(middle - MAX_BEFORE, 0), min(middle + MAX_AFTER, len(rows))
     drawn = "".join(_row(queue.batch.folder, rows[i], i, i == at) for i in range(first, end))
-    rejected = sum(row.result.review == REJECTED for row in rows)
-    accepted = sum(bool(row.result.review) for row in rows) - rejected
+    rejected = sum(row.result.is_rejected for row in rows)
+    no = KEPT if queue.batch.is_audit else REJECTED
+    accepted = sum(row.result.is_accepted for row in rows)
     shown = "" if end - first == len(rows) else f", {first + 1} to {end} are listed"
-    said = f"{len(rows)} rows, {accepted} accepted, {rejected} rejected{shown}"
+    said = f"{len(rows)} rows, {accepted} accepted, {rejected} {no}{shown}"
     return f'<div class="pv-counts">{said}</div><div class="pv-rows">{drawn}</div>'
 
 
 def _row(folder: Path, row: Row, index: int, is_open: bool) -> str:
     result, name = row.result, escape(Path(row.job.photo).name)
     below = escape(result.reason if result.failed else Path(row.job.model).stem)
-    word = result.review or ("failed" if result.failed else result.verdict or "not searched")
+    word = result.review or ("failed" if result.failed else result.finding or result.verdict)
+    word = word or "not searched"
     press = on_press("row", what=index)
     picture = DOT if result.failed else thumbnail(folder / result.picture)
     here = f' class="pv-at"><img class="pv-here" alt="" src="{DOT}" onload="{TO_ROW}"'
@@ -112,6 +121,8 @@ def row_text(row: Row, unsaved: bool) -> str:
         lines.append(plain(f"failed: {result.reason}"))
     if result.verdict:
         lines.append(plain(f"verdict: {result.verdict}"))
+    if result.given_verdict:
+        lines.append(plain(f"{comparison_text(result)} R shows the given pose."))
     if result.status == Status.KEPT.value:
         lines.append(plain(result.reasons.split("\n")[0]))
     return "  \n".join(lines)

@@ -9,7 +9,7 @@ from poseviewer.app.page.result import deviations_of
 from poseviewer.app.state import hiding as h
 from poseviewer.app.state.document import WHEELS, label_of, verdict_of
 from poseviewer.app.state.dragging import radius_in_photo
-from poseviewer.app.state.marking import MARKING, pair_errors
+from poseviewer.app.state.marking import MARKING, looks_like_car, pair_errors
 from poseviewer.app.state.objects import symmetry_text
 from poseviewer.app.state.searches import LossComparison
 from poseviewer.app.state.session import Session
@@ -63,10 +63,11 @@ SIZE_HINT = (
 SIZE_STEPS = 3
 """Undo steps after which the usual hint comes back."""
 MODEL_HINT = "<b>now open the model of this photo</b>: Open, Model ..."
-LOOKING_HINT = (
-    "<b>Looking for the object ...</b> &nbsp;·&nbsp; or <b>press where it is</b> &nbsp;·&nbsp; "
-    "Esc stops"
+WHEELS_HINT = (
+    "<b>Wheels</b>, at the left: mark the wheels of the model once, and cars are found by them"
 )
+"""What helps where the model looks like a car, and its wheels are not known."""
+LOOKING_HINT = "<b>Looking for the object ...</b> &nbsp;·&nbsp; Esc stops"
 PROPOSED_HINT = (
     "<b>the likeliest proposal is fitted ...</b> &nbsp;·&nbsp; or <b>press where the object is</b> "
     "&nbsp;·&nbsp; Esc stops"
@@ -116,7 +117,7 @@ def _count_of(count: int, noun: str) -> str:
 
 def hint_of(session: Session) -> str:
     """The line over the photo (HTML): what the next click is for."""
-    marks = session.document.marks
+    marks, looks = session.document.marks, session.is_looking
     match session.tool:
         case "wheels" if session.document.model.keypoints is None:
             name = "front" if marks.hubs else "rear"
@@ -128,6 +129,7 @@ def hint_of(session: Session) -> str:
             else:
                 name = ("rear", "front")[wheel]
                 what = f"click the {name} wheel's rim: point {point + 1} of {MIN_RIM_POINTS}"
+                what = f"looking for the wheels in the photo ... or {what}" if looks else what
         case "pairs":
             number = len(marks.points)
             if marks.waits_for_pixel:
@@ -138,14 +140,14 @@ def hint_of(session: Session) -> str:
             return TOOL_HINTS[tool]
         case _ if session.is_searching:
             return SEARCHING_HINT
-        case _ if session.is_looking:
-            return PROPOSED_HINT if session.proposals and session.proposals.starts else LOOKING_HINT
-        case _ if not session.document.object.is_placed:
-            if has_demo_model(session.document):
-                return MODEL_HINT
-            proposals = session.proposals
-            not_found = "Not found by itself: " if proposals else ""
-            return UNSURE_HINT if proposals and proposals.starts else f"{not_found}{PLACE_HINT}"
+        case _ if looks:
+            if session.proposals and session.proposals.starts:
+                return PROPOSED_HINT
+            return f"{LOOKING_HINT} &nbsp;·&nbsp; {_what_helps(session)}"
+        case _ if not session.document.object.is_placed and has_demo_model(session.document):
+            return MODEL_HINT
+        case _ if _is_not_found(session) or not session.document.object.is_placed:
+            return _not_found_hint(session)
         case _ if session.display.style == "residual":
             return ""  # it would lie over the colours' legend
         case _ if is_focal_length_wanted(session):
@@ -153,6 +155,29 @@ def hint_of(session: Session) -> str:
         case _:
             return SIZE_HINT if _has_first_size(session) else USUAL_HINT
     return f"<b>{what}</b>{MARKING_HINT}"
+
+
+def _is_not_found(session: Session) -> bool:
+    """Whether starts were proposed for the document at hand, and there are none."""
+    proposals = session.proposals
+    if proposals is None or not proposals.is_over or proposals.starts:
+        return False
+    return proposals.document is session.document
+
+
+def _not_found_hint(session: Session) -> str:
+    """Say what to do where the active object is not found, or not surely."""
+    if session.proposals and session.proposals.starts:
+        is_car = _what_helps(session) is WHEELS_HINT
+        return f"{UNSURE_HINT} &nbsp;·&nbsp; {WHEELS_HINT}" if is_car else UNSURE_HINT
+    return f"{'Not found by itself: ' * bool(session.proposals)}{_what_helps(session)}"
+
+
+def _what_helps(session: Session) -> str:
+    """Say what helps to find the active object, which depends on its model."""
+    model = session.document.model
+    has_unknown_wheels = model.keypoints is None and looks_like_car(session.document.mesh)
+    return WHEELS_HINT if has_unknown_wheels else PLACE_HINT
 
 
 def _has_first_size(session: Session) -> bool:

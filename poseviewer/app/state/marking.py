@@ -1,6 +1,7 @@
 """Marks for quick starts: edits that set, move and remove them and solve for the pose."""
 
 from dataclasses import replace
+from functools import lru_cache
 from itertools import chain
 
 import numpy as np
@@ -13,6 +14,7 @@ from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.mesh import Mesh
 from poseviewer.starts.placing import surface_point
 from poseviewer.starts.point_pairs import (
     MIN_PAIRS_FOR_FOCAL,
@@ -31,6 +33,10 @@ MARKING = {"pairs": ("pixels", "points"), "wheels": ("rims",)}
 MAX_PAIRS = 24
 SAME_WHEEL = 0.2
 """Distance, in model diameters, below which a press marks the rear wheel anew: no wheelbase."""
+CLEARANCE = 0.06
+"""Height, as a share of a car's, below which it has wheels alone: its floor is twice as high."""
+MIN_ELONGATION = 1.5
+"""Smallest ratio of a car's length to its width: cars have 1.9 to 2.6."""
 
 
 def marks_in_photo(marks: Marks, tool: str) -> FloatArray:
@@ -60,10 +66,27 @@ def hold_mark(session: Session, mark: int, start: FloatArray) -> Drag:
     return Drag(follow)
 
 
+@lru_cache(maxsize=4)
+def looks_like_car(mesh: Mesh) -> bool:
+    """Whether a mesh is long and stands, on its largest side, at its front and its rear alone."""
+    low, high = mesh.bounds
+    sides = np.maximum(high - low, 1e-300)
+    height, width, length = np.argsort(sides)
+    if sides[length] < MIN_ELONGATION * sides[width]:
+        return False
+    shares = (mesh.vertices - low) / sides
+    for heights in (shares[:, height], 1.0 - shares[:, height]):
+        lengths = shares[mesh.faces[(heights[mesh.faces] < CLEARANCE).any(axis=1)], length]
+        is_rear, is_front = lengths.max(axis=1) < 0.4, lengths.min(axis=1) > 0.6
+        if is_rear.any() and is_front.any() and np.all(is_rear | is_front):
+            return True
+    return False
+
+
 @edit
 def mark_model(session: Session, u: float, v: float) -> Session:
     """Mark a point of the model at shares (u, v) of its picture, from the lower left corner; a
-    point that still needs its pixel is replaced.
+    point that still needs its pixel is replaced. A car without a pose is looked for by its wheels.
     """
     if session.results.alone is None or not session.shows_model:
         return session
@@ -73,7 +96,8 @@ def mark_model(session: Session, u: float, v: float) -> Session:
     point = np.array([u * pose.camera.width, (1.0 - v) * pose.camera.height])
     if document.marks.waits_for_pixel:
         document = document.with_marks(points=document.marks.points[:-1])
-    return session.with_document(_with_model_point(document, session.tool, point, pose))
+    session = session.with_document(_with_model_point(document, session.tool, point, pose))
+    return session if session.marks_model else session.with_first_proposals
 
 
 def with_mark(document: Document, tool: str, point: FloatArray) -> Document:

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-from poseviewer.app.state.document import UNLOCK, Document, is_shown, label_of
+from poseviewer.app.state.document import UNLOCK, Document, is_shown, label_of, verdict_of
 from poseviewer.app.state.document_edits import undo
 from poseviewer.app.state.edits import drag_edit, edit
 from poseviewer.app.state.frame_keys import store_changed_poses
@@ -160,7 +160,23 @@ def search_advanced(
     document = with_progress(session.document, progress)
     document = store_changed_poses(request.start, document) if progress.is_over else document
     comparison = comparison or session.comparison
-    return replace(session, document=document, search_progress=progress, comparison=comparison)
+    session = replace(session, document=document, search_progress=progress, comparison=comparison)
+    return _with_others_searched(session) if progress.is_over else session
+
+
+def _with_others_searched(session: Session) -> Session:
+    """Search for objects that lack a result by the focal length that was found for another one, if
+    that was asked for once.
+    """
+    document, progress = session.document, session.search_progress
+    is_once = progress and progress.settings.free_focal and not document.settings.free_focal
+    objects = enumerate(document.scene.objects)
+    others = tuple(
+        i for i, item in objects if is_shown(item) and not item.locked and item.result is None
+    )
+    if not (is_once and others and verdict_of(document.object) != "lost"):
+        return session
+    return with_search(session, SearchRequest(document, (document.settings,), others))
 
 
 def with_progress(document: Document, progress: SearchProgress) -> Document:

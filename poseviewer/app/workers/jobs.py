@@ -24,7 +24,13 @@ from poseviewer.app.state.searches import (
 )
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.worker import Worker, lower_priority
-from poseviewer.errors import PoseViewerError, RendererUnavailableError, SettingsError, sentence_of
+from poseviewer.errors import (
+    PoseViewerError,
+    QuickStartError,
+    RendererUnavailableError,
+    SettingsError,
+    sentence_of,
+)
 from poseviewer.fit.problem import make_problem, pose_loss
 from poseviewer.fit.progress import SearchProgress
 from poseviewer.fit.search import Search
@@ -169,9 +175,10 @@ def propose_and_fit(document: Document, watch: Callable[[], None]) -> Iterator[E
             watch()
         errors_px = [pose_error(document.mesh, best, s.pose).reprojection_px for s in starts]
         yield take_fitted_start(document, request, progress, int(np.argmin(errors_px)))
-    except PoseViewerError:
-        if document.object.is_placed:
-            raise
+    except PoseViewerError as error:
+        has_no_box = query.rectangle is None and isinstance(error, QuickStartError)
+        if document.object.is_placed and not has_no_box:
+            raise  # else the page says what helps
         yield list_starts(ProposedStarts(document))
 
 

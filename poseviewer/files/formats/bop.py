@@ -157,8 +157,13 @@ def save_bop_images(
 ) -> None:
     """Write a scene's ``cameras`` as they are, and the poses of each image by its number."""
     entries = {str(number): [o.as_json() for o in objects] for number, objects in poses.items()}
+    save_scene_files(folder, dict(cameras), entries)
+
+
+def save_scene_files(folder: Path, cameras: SceneFile, poses: SceneFile) -> None:
+    """Write the files of a scene."""
     make_folder(folder)
-    for path, text in _scene_texts(folder, dict(cameras), entries).items():
+    for path, text in _scene_texts(folder, cameras, poses).items():
         write_whole(path, text.encode(), PoseFileError)
 
 

@@ -1,11 +1,14 @@
-"""Sessions saved while they run, so that one that crashed can be opened again."""
+"""Sessions saved while they run, so that one that crashed can be opened again.
+
+The frames of a sequence are in a file of their own, which only grows by those that change.
+"""
 
 import json
 import logging
 import secrets
 import time
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any
 
@@ -14,13 +17,15 @@ import msgspec
 from poseviewer.errors import AutosaveError, PoseViewerError
 from poseviewer.files import scene_json as s
 from poseviewer.files.checks import MAX_DATA_BYTES, InputFile
-from poseviewer.files.writing import lock_file, write_whole, writing_to
-from poseviewer.scene.types import Scene
+from poseviewer.files.writing import lock_file, open_to_append, write_whole, writing_to
+from poseviewer.scene.types import Frame, Scene
 
 FORMAT = "poseviewer-autosave"
 VERSION = 2
 EXPIRY_S = 30 * 24 * 3600.0
 """Age of a session, left behind, at which nobody will come back for it; its uploads may go then."""
+MAX_LINES_PER_FRAME = 3
+"""Lines of a file of frames, for each of them, at which it is written anew."""
 
 logger = logging.getLogger(__name__)
 
@@ -56,6 +61,8 @@ class SessionFile:
     def __init__(self, folder: Path) -> None:
         self.path = folder / f"session-{secrets.token_hex(8)}.json"
         self._lock: IO[bytes] | None = None
+        self._frames: tuple[Frame, ...] = ()  # as they are in the file
+        self._lines = 0
 
     def save(self, session: AutosavedSession) -> None:
         """Write the session, whole or not at all, over the earlier one."""
@@ -65,9 +72,29 @@ class SessionFile:
             if not _lock_path(self.path).exists():  # at first, and where the folder was removed
                 self.close()
                 self._lock = lock_file(_lock_path(self.path))
+            self._save_frames(session.scene.frames)
+        session = replace(session, scene=replace(session.scene, frames=()))
         form = s.form_of(AutosavedSession).encode(session)
         data = {"format": FORMAT, "version": VERSION, **msgspec.to_builtins(form)}
         write_whole(self.path, json.dumps(data, allow_nan=False).encode(), AutosaveError)
+
+    def _save_frames(self, frames: tuple[Frame, ...]) -> None:
+        path, encode = _frames_path(self.path), s.form_of(Frame).encode
+        if not frames:
+            path.unlink(missing_ok=True)
+        is_same = bool(frames) and len(frames) == len(self._frames) and path.exists()
+        known = self._frames if is_same else (None,) * len(frames)
+        changed = [i for i, frame in enumerate(frames) if frame is not known[i]]
+        if len(changed) + self._lines > MAX_LINES_PER_FRAME * len(frames) or not is_same:
+            changed, is_same, self._lines = range(len(frames)), False, 0
+        data = (msgspec.to_builtins([i, encode(frames[i])], enc_hook=float) for i in changed)
+        lines = "".join(f"{json.dumps(row, allow_nan=False)}\n" for row in data).encode()
+        if is_same and lines:
+            with open_to_append(path) as file:
+                file.write(lines)
+        elif lines:
+            write_whole(path, lines, AutosaveError)
+        self._frames, self._lines = frames, self._lines + len(changed)
 
     def close(self) -> None:
         """Leave the session behind, or nothing where none was saved."""
@@ -88,6 +115,8 @@ def load_autosave(path: Path) -> AutosavedSession:
         with file.naming_errors():
             data = file.load_object()
             file.require_format(data, FORMAT, VERSION)
+            if (frames := _frames_path(path)).exists():
+                file.object(data.get("scene"), "scene")["frames"] = _load_frames(frames)
             form: Any = file.decode(data, of_session.kind, raw=("file", "mask"))
             s.require_whole(file, form.scene)
             session: AutosavedSession = of_session.decode(form)
@@ -128,7 +157,7 @@ def files_of_sessions(folder: Path) -> frozenset[Path]:
     for path in folder.glob("session-*.json"):
         with suppress(AutosaveError):
             scene = load_autosave(path).scene
-            paths |= {view.file.location for view in scene.views}
+            paths |= {one.file.location for one in (*scene.views, *scene.frames)}
             paths |= {item.model.location for item in scene.objects}
     return frozenset(paths)
 
@@ -136,11 +165,25 @@ def files_of_sessions(folder: Path) -> frozenset[Path]:
 def discard(path: Path) -> None:
     """Remove an autosaved session; nothing happens where it is gone already."""
     try:
-        path.unlink(missing_ok=True)
-        _lock_path(path).unlink(missing_ok=True)
+        for own in (path, _frames_path(path), _lock_path(path)):
+            own.unlink(missing_ok=True)
     except OSError as error:
         found = f"cannot be removed from {path.parent} ({error.strerror})"
         raise AutosaveError(f"{path.name}: {found}; remove it by hand.") from error
+
+
+def _load_frames(path: Path) -> list[Any]:
+    """Load the last line of each frame; one that was broken off is left out."""
+    frames = dict[int, Any]()
+    for line in InputFile(path, largest=MAX_DATA_BYTES).load_bytes().splitlines():
+        with suppress(ValueError, TypeError):
+            index, frame = json.loads(line)
+            frames[int(index)] = frame
+    return [frames[index] for index in sorted(frames)]
+
+
+def _frames_path(path: Path) -> Path:
+    return path.with_suffix(".frames")
 
 
 def _lock_path(path: Path) -> Path:

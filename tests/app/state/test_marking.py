@@ -1,5 +1,8 @@
 """Marks on the photo place the model; they can be moved, removed and undone."""
 
+from dataclasses import replace
+from functools import reduce
+
 import numpy as np
 import pytest
 
@@ -9,6 +12,7 @@ from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.marking import (
     clear_marks,
     lay_wheels,
+    looks_like_car,
     mark_model,
     pair_errors,
     remark_wheels,
@@ -16,6 +20,8 @@ from poseviewer.app.state.marking import (
     turn_model,
 )
 from poseviewer.app.state.session import Session
+from poseviewer.files.demo import demo_case
+from poseviewer.files.scene_assets import load_model
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.transform import RigidTransform, rotation_angle
 from poseviewer.starts.placing import look_from
@@ -36,6 +42,7 @@ from tests.app.state.documents import (
     make_session,
     refused,
 )
+from tests.meshes import make_box, make_bumpy, merged
 
 TARGET = RigidTransform.from_rotation_vector([0.5, -0.2, 0.3], [-0.1, 0.1, 7.0])
 SPOTS = np.array([[-0.7, -0.4], [0.6, -0.5], [0.5, 0.6], [-0.4, 0.5], [0.1, 0.1], [-0.1, 0.7]])
@@ -166,6 +173,34 @@ def test_wheels_of_a_model_without_any_are_pressed_beside_the_photo(side):
     assert after(placed, remove_mark()).document.model.keypoints is None
     assert len(after(placed, remove_mark()).document.marks.hubs) == 1
     assert after(placed, remove_mark(), remove_mark()).document.marks.hubs == ()
+
+
+def test_a_car_is_known_by_what_it_stands_on():
+    wheel = make_box((0.6, 0.2, 0.6))
+    spots = [[x, y, -0.6] for x in (-1.2, 1.2) for y in (-0.7, 0.7)]
+    wheels = [replace(wheel, vertices=wheel.vertices + np.array(spot)) for spot in spots]
+    car = reduce(merged, wheels, make_box((4.0, 1.7, 1.1)))
+    turned = replace(car, vertices=-car.vertices[:, [1, 2, 0]])
+    short = replace(car, vertices=car.vertices * np.array([0.5, 1.0, 1.0]))
+    meshes = car, turned, load_model(demo_case().model).mesh
+    assert all(map(looks_like_car, meshes))
+    others = short, CAR, make_bumpy(2), make_box((4.0, 1.7, 0.0))
+    assert not any(map(looks_like_car, others))
+
+
+def test_once_its_wheels_are_marked_a_car_without_a_pose_is_looked_for():
+    wanted = make_keypoints()
+    seen = look_from("left", CAR, wanted, PERSPECTIVE)
+    document = make_document(mesh=CAR)
+    for is_placed in (False, True):
+        opened = Session(document.with_object(is_placed=is_placed))
+        session = drawn_beside(after(opened, c.set_tool("wheels")), seen)
+        half = after(session, press_beside(seen.project(wanted.left.rear_wheel)))
+        assert not half.is_proposing
+        marked = after(half, press_beside(seen.project(wanted.left.front_wheel)))
+        assert marked.is_proposing is not is_placed
+        assert ("looking for the wheels" in hint_of(marked)) is not is_placed
+        assert not after(marked, c.press(80.0, 60.0)).is_proposing  # a rim is outlined
 
 
 @pytest.mark.parametrize("mend", [remove_mark(), clear_marks(), None])

@@ -259,6 +259,14 @@ def test_a_focal_length_found_by_one_object_holds_for_all():
     kept = after(done, c.accept_search())
     assert kept.mapped == (few,)
     assert asked_of(after(kept, c.search_all())).object_indices == (0, 1)
+    # Where it is right, the others are searched again by it, and undo takes all of that back.
+    last = replace(updates[-1], scene=updates[-1].scene.with_object(1, result=FOUND))
+    again = after(begun, c.search_advanced(asked_of(begun), last))
+    assert again.is_searching
+    assert asked_of(again).object_indices == (0,)
+    assert asked_of(again).methods == (few,)
+    assert pose_of(again, 1).camera == last.progress.pose.camera
+    assert after(again, c.revert_search()).document is begun.document
 
 
 def test_a_note_on_an_object_is_one_step_and_unsaved_until_it_is_written():

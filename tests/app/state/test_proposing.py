@@ -11,7 +11,14 @@ from poseviewer.app.page.above_steps import loss_bar
 from poseviewer.app.page.handles import handles_of, path_of
 from poseviewer.app.page.reports import meaning_of
 from poseviewer.app.page.strip import proposals_row
-from poseviewer.app.page.texts import PROPOSED_HINT, hint_of, proposals_text, search_text
+from poseviewer.app.page.texts import (
+    PROPOSED_HINT,
+    UNSURE_HINT,
+    USUAL_HINT,
+    hint_of,
+    proposals_text,
+    search_text,
+)
 from poseviewer.app.state.document import Document, verdict_of
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.objects import add_object, pick_object
@@ -20,6 +27,8 @@ from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import propose_and_fit as made
 from poseviewer.app.workers.opening import open_files
 from poseviewer.confidence.verdict import Verdict
+from poseviewer.files.demo import demo_case
+from poseviewer.files.scene_assets import load_model
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
@@ -194,10 +203,34 @@ def test_what_is_only_proposed_places_nothing():
         assert after(taken, c.undo()).document is document
     nothing = after(session, c.list_starts(ProposedStarts(document, (), ())))
     assert not nothing.is_proposing
-    assert hint_of(nothing).startswith("Not found by itself")
+    assert hint_of(nothing).startswith("Not found by itself: <b>press where")
     pressed = after(listed, c.press(80, 60), c.release())
     assert proposals_row(pressed).count("<image") == 3
     assert_same_pose(after(pressed, c.take_start(1)).document.pose, POSES[1])
+
+
+def test_what_would_help_is_said_at_once_for_each_kind_of_model():
+    car = replace(load_model(demo_case().model), path=None)
+    for model, helps in (
+        (car.with_content(keypoints=None), "mark the wheels of the model"),
+        (car, "Fit to box"),
+        (make_document().model, "Fit to box"),
+    ):
+        document = make_document().with_object(model=model, is_placed=False)
+        looking = after(make_session(), c.open_document(document))
+        assert helps in hint_of(looking)
+        nothing = after(looking, c.list_starts(ProposedStarts(looking.document)))
+        assert hint_of(nothing).startswith("Not found by itself: ")
+        assert helps in hint_of(nothing)
+        unsure = after(listed_in(looking), c.stop_proposing())
+        assert hint_of(unsure).startswith(UNSURE_HINT)
+        assert (helps in hint_of(unsure)) is ("wheels" in helps)
+        # A model that is placed is told about once: the next step takes the line away.
+        placed = Session(document.with_object(is_placed=True))
+        asked = after(placed, c.propose_starts())
+        none = after(asked, c.list_starts(ProposedStarts(asked.document)))
+        assert helps in hint_of(none)
+        assert hint_of(after(none, c.nudge("move", 1.0))) == USUAL_HINT
 
 
 @pytest.fixture(scope="module")

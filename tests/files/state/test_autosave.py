@@ -17,13 +17,14 @@ import pytest
 
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.errors import AutosaveError
-from poseviewer.files.scene_assets import model_file, view_of_file
+from poseviewer.files.scene_assets import frame_file, model_file, view_of_file
 from poseviewer.files.scene_json import form_of
 from poseviewer.files.state import autosave
 from poseviewer.files.state.autosave import AutosavedSession, SessionFile, discard, load_autosave
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.scene.types import InView, Scene, SceneObject, SearchResult
+from poseviewer.scene.frames import show_frame, store_key, with_frames
+from poseviewer.scene.types import Frame, InView, Scene, SceneObject, SearchResult
 from tests.several import CAMERA, IDS, STARTS
 from tests.writing import edit
 
@@ -124,6 +125,54 @@ def test_a_session_is_saved_though_its_folder_was_removed(tmp_path: Path) -> Non
     assert autosave.find_abandoned(tmp_path) is None
     file.close()
     assert require_left(tmp_path) == (file.path, as_json(session(active_object="2")))
+
+
+def sequence(count: int) -> AutosavedSession:
+    """A session of a sequence, with a key in the first frame."""
+    still = session()
+    view = still.scene.views[0]
+    paths = (Path(f"/photos/f{index}.jpg") for index in range(count))
+    frames = [Frame(file=frame_file(path, view), time_s=0.1) for path in paths]
+    return replace(still, scene=store_key(with_frames(still.scene, frames), 0))
+
+
+def with_key(kept: AutosavedSession, frame_index: int) -> AutosavedSession:
+    return replace(kept, scene=store_key(show_frame(kept.scene, frame_index), 0))
+
+
+def test_frames_that_change_are_added_alone(tmp_path: Path) -> None:
+    file, kept = SessionFile(tmp_path), sequence(2000)
+    log = file.path.with_suffix(".frames")
+    file.save(kept)
+    whole = log.stat().st_size
+    for index in range(1, 4):
+        kept = with_key(kept, index)
+        file.save(kept)
+    assert whole < log.stat().st_size < 1.02 * whole
+    assert file.path.stat().st_size < 20_000
+    assert as_json(load_autosave(file.path)) == as_json(kept)
+    assert Path("/photos/f1999.jpg") in autosave.files_of_sessions(tmp_path)
+    file.save(session())
+    assert not log.exists()
+    file.save(sequence(3))
+    file.close()
+    assert require_left(tmp_path) == (file.path, as_json(sequence(3)))
+    discard(file.path)
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_log_of_frames_is_written_anew_and_may_be_broken_off(tmp_path: Path) -> None:
+    file, kept = SessionFile(tmp_path), sequence(3)
+    log = file.path.with_suffix(".frames")
+    for index in [0, 1, 2] * 4:
+        kept = with_key(kept, index)
+        file.save(kept)
+        assert len(log.read_text().splitlines()) <= 9
+    file.close()
+    before = as_json(kept)
+    with log.open("ab") as stream:
+        stream.write(log.read_bytes().splitlines()[0][:-7])
+    assert require_left(tmp_path) == (file.path, before)
 
 
 @pytest.mark.parametrize(("where", "value"), [

@@ -1,0 +1,172 @@
+"""Audit of given poses: each is searched for from where it is, and judged there and at the end.
+
+An audit is a batch whose starts are the given poses. Its review accepts the pose found, or keeps
+the given one.
+"""
+
+import csv
+from collections.abc import Sequence
+from dataclasses import replace
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from poseviewer.api import FitResult
+from poseviewer.batch.bop_rows import STARTS, save_start
+from poseviewer.batch.job_table import COLUMNS, Job, with_keys
+from poseviewer.batch.result_folder import (
+    MOVED,
+    REJECTED,
+    UNEXPLAINED,
+    Batch,
+    Row,
+    load_batch,
+)
+from poseviewer.confidence.pose_covariance import PINV, PoseCovariance
+from poseviewer.errors import BatchError
+from poseviewer.files.pose import load_pose
+from poseviewer.files.scene_json import as_saved, load_scene, pose_json, save_scene
+from poseviewer.files.writing import make_folder, write_whole
+from poseviewer.fit.judge import judge_end
+from poseviewer.fit.progress import FitProgress
+from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.mesh import hull_in_photo
+from poseviewer.geometry.pose_error import pose_error
+from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.render.overlay.styles import ModelInPhoto, Picture, draw_style
+from poseviewer.scene.frames import show_frame, store_key
+from poseviewer.scene.settings import FitSettings
+
+AUDITED = "audited.csv"
+"""File of the table of jobs from given or, where accepted, found poses."""
+MIN_MOVED_PERCENT = 1.0
+"""Move in % of the object's size up to which a given pose is never listed."""
+MIN_MOVED_DEVIATIONS = 5.0
+"""Move in stated standard deviations up to which a given pose is never listed."""
+PANEL_SIDE = 300
+"""Longer side of each of the three pictures, in px: one pixel of a label shows."""
+MARGIN = 0.3
+"""Margin about both outlines in the pictures, as a share of their size."""
+
+
+def load_given_jobs(results: Path, settings: FitSettings) -> tuple[Job, ...]:
+    """Make rows that start from the poses of a batch, but rejected ones.
+
+    Raises:
+        BatchError: the batch has no pose.
+    """
+    rows = [row for row in load_batch(results).rows() if not row.result.failed]
+    rows = [row for row in rows if row.result.review != REJECTED]
+    if not rows:
+        raise BatchError(f"{results}: no row of the batch has a pose; nothing to audit.")
+    jobs = [replace(row.job, start=str(results / row.result.pose), box="") for row in rows]
+    return with_keys(jobs, settings)
+
+
+def load_frame_jobs(path: Path, out: Path, settings: FitSettings) -> tuple[Job, ...]:
+    """Make rows of the poses in a sequence's frames, and save these poses in ``out``.
+
+    Raises:
+        BatchError: there is none.
+    """
+    scene, jobs = load_scene(path), list[Job]()
+    make_folder(out / STARTS, BatchError)
+    for number, frame in enumerate(scene.frames):
+        shown = show_frame(scene, number)
+        for index, item in enumerate(shown.objects):
+            if item.id in frame.poses:
+                start = out / STARTS / f"{number:06d}-{index}.json"
+                save_start(start, pose_json(as_saved(shown), index), shown.mask(index))
+                files = map(str, (frame.file.location, item.model.location, start))
+                jobs.append(Job(len(jobs) + 1, *files, str(path.parent)))
+    if not jobs:
+        raise BatchError(f"{path.name}: no pose in a frame of it; name the scene of a sequence.")
+    return with_keys(jobs, settings)
+
+
+def save_audited(batch: Batch, rows: Sequence[Row]) -> None:
+    """Write ``AUDITED``, and the scene of a sequence, with the accepted poses for given ones."""
+    if batch.sequence is not None:
+        scene = given = load_scene(batch.sequence)
+        width, height = given.views[0].file.width, given.views[0].file.height
+        for row in (row for row in rows if row.result.is_accepted):
+            number, index = map(int, Path(row.job.start).stem.split("-"))
+            pose = load_pose(batch.folder / row.result.pose, width, height).pose
+            scene = store_key(show_frame(scene, number).with_pose(index, pose), index)
+        scene = show_frame(scene, given.frame_index)
+        save_scene(batch.folder / Path(batch.sequence).name, as_saved(scene))
+    text = StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(COLUMNS)
+    for row in rows:
+        files = [row.job.path(name) for name in (row.job.photo, row.job.model, row.job.start)]
+        if row.result.is_accepted:
+            files[-1] = batch.folder / row.result.pose
+        table.writerow(files)
+    write_whole(batch.folder / AUDITED, text.getvalue().encode(), BatchError)
+
+
+def audit_numbers(fit: FitResult) -> dict[str, Any]:
+    """Compare the pose found with the given one: the fields of ``JobResult`` for an audit."""
+    given, verdict = fit.start, fit.verdict
+    assert verdict is not None  # a fit of one object ends with it
+    before = judge_end(replace(FitProgress.at_start(given.problem), loss=given.loss), fit.renderer)
+    assert before.verdict is not None
+    moved = pose_error(fit.mesh, fit.pose, given.pose, fit.object.symmetry)
+    nearest = fit.object.symmetry.nearest_pose(given.pose, fit.pose)
+    deviations = None if fit.covariance is None else count_deviations(fit.covariance, nearest)
+    numbers = {"moved_percent": moved.percent, "moved_px": moved.reprojection_px}
+    finding = find_finding(verdict.label, before.verdict.label, moved.percent, deviations)
+    return {
+        **{name: round(value, 3) for name, value in numbers.items()},
+        "moved_deviations": None if deviations is None else round(deviations, 2),
+        "given_verdict": before.verdict.label,
+        "finding": finding,
+    }
+
+
+def find_finding(found: str, given: str, percent: float, deviations: float | None) -> str:
+    """Say what is wrong with a given pose; "": nothing.
+
+    Args:
+        found: label of the verdict where the search ended.
+        given: label of the verdict at the given pose.
+        percent: move in per cent of the object's size.
+        deviations: move in standard deviations; None: not known.
+    """
+    if found == given == "lost":
+        return UNEXPLAINED
+    is_far = percent > MIN_MOVED_PERCENT and (deviations or 0.0) > MIN_MOVED_DEVIATIONS
+    return MOVED if found == "found" and is_far else ""
+
+
+def count_deviations(covariance: PoseCovariance, pose: Pose) -> float:
+    """Return the Mahalanobis distance of a pose from the covariance's, in standard deviations."""
+    away = covariance.deviation(pose) / covariance.scales
+    units = np.outer(covariance.scales, covariance.scales)
+    inverse = np.linalg.pinv(covariance.matrix / units, PINV)
+    return float(np.sqrt(away @ inverse @ away))
+
+
+def draw_comparison(fit: FitResult) -> Picture:
+    """Draw the photo, the given outline and the one found, side by side and magnified."""
+    poses, camera = (fit.start.pose, fit.pose), fit.pose.camera
+    whole = inside = Rectangle(0.0, 0.0, camera.width, camera.height)
+    corners = np.vstack([hull_in_photo(fit.mesh, pose) for pose in poses])
+    if len(corners):
+        box = Rectangle.from_corners(corners.min(axis=0), corners.max(axis=0))
+        inside = box.expand(2.0 * MARGIN).intersection(whole)
+    inside = inside if inside.area else whole
+    left, top = int(inside.left), int(inside.top)
+    size = max(round(inside.width), 1), max(round(inside.height), 1)
+    photo = fit.photo.as_rgb8(camera.width, camera.height)
+    cut = photo[top : top + size[1], left : left + size[0]]
+    factor = PANEL_SIDE / max(size)
+    drawn = [replace(p, camera=p.camera.crop(left, top, size)).rescale(factor) for p in poses]
+    to = drawn[0].camera.width, drawn[0].camera.height
+    panel = np.asarray(cv2.resize(cut, to, interpolation=cv2.INTER_CUBIC), np.uint8)
+    models = [ModelInPhoto(panel, fit.mesh, fit.renderer, pose) for pose in drawn]
+    return np.hstack([panel, *(draw_style("outline", model) for model in models)])

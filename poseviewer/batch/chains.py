@@ -1,0 +1,139 @@
+"""A sequence as a batch: a row for each chain of frames from one key to the next.
+
+A row's start is a scene file of its frames alone, its result the same with the propagated poses.
+``scene.json`` is the whole sequence, with the poses of all rows so far.
+"""
+
+import hashlib
+import time
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+from poseviewer.api import make_registration
+from poseviewer.batch.job_table import KEY_LENGTH, Job
+from poseviewer.batch.result_folder import (
+    PICTURES,
+    POSES,
+    ROWS,
+    TABLE,
+    Batch,
+    JobResult,
+    load_result,
+    save_failure,
+    save_result,
+    save_table,
+)
+from poseviewer.batch.run_row import result_files, shrink_picture
+from poseviewer.errors import BatchError, PoseViewerError, SettingsError
+from poseviewer.files.photo import save_image
+from poseviewer.files.scene_json import as_saved, load_scene, save_scene, scene_contents
+from poseviewer.files.writing import make_folder, require_replaceable
+from poseviewer.fit.propagation import FrameStep, split_at_keys
+from poseviewer.scene.frames import remove_propagated, show_frame
+from poseviewer.scene.types import Scene
+from poseviewer.starts.loading import open_scene_files
+
+CHAINS = "chains"
+"""Subfolder of the scene files that the rows start from."""
+SEQUENCE = "scene.json"
+"""File of the sequence with all poses so far."""
+SAVE_S = 10.0
+"""Time after which an unfinished row writes what it has, s: a stopped one loses no more."""
+
+
+def open_chains(scene: Scene, folder: str | Path) -> Batch:
+    """Make the folder of results of a sequence, with a row for each chain; poses that are no keys
+    are left out.
+
+    Raises:
+        SettingsError: the scene is no sequence, or has no keys.
+        BatchError: the folder cannot be used.
+    """
+    folder, jobs = Path(folder).resolve(), []
+    last = len(scene.frames) - 1
+    chains = split_at_keys(scene, 0, last, range(len(scene.objects))) if scene.frames else []
+    if not chains:
+        found = f"{scene.name or 'the scene'}: {len(scene.frames)} frames, and no pose is a key"
+        raise SettingsError(f"{found}; place the model in a frame of a sequence.")
+    for item in scene.objects:
+        scene = remove_propagated(scene, item.id, 0, last)
+    for name in (ROWS, POSES, PICTURES, CHAINS):
+        make_folder(folder / name, BatchError)
+    for name in (SEQUENCE, TABLE):
+        require_replaceable(folder / name, BatchError)
+    save_scene(folder / SEQUENCE, as_saved(scene))
+    for row, (first, end) in enumerate(chains, 1):
+        part = show_frame(replace(scene, frames=scene.frames[first : end + 1]), 0)
+        start = f"{CHAINS}/{first:06d}-{end:06d}.json"
+        contents = scene_contents(folder / start, as_saved(part))
+        save_scene(folder / start, as_saved(part))
+        key = hashlib.sha256(b"".join(contents.values())).hexdigest()[:KEY_LENGTH]
+        name = scene.frames[first].file.name
+        jobs.append(Job(row, name, "", start, str(folder), key, f"{first},{end}"))
+    return Batch(folder, tuple(jobs))
+
+
+def run_chain(job: Job, plan: Batch, threads: int = 1) -> JobResult:
+    """Propagate poses through a chain and save them, unless that was done before.
+
+    Raises:
+        BatchError: the result cannot be saved.
+    """
+    known = load_result(plan.folder, job.key)
+    if known is not None and not known.failed:
+        return known
+    pose_name, picture_name = result_files(job)
+    began = saved = time.monotonic()
+
+    def watch(scene: Scene, _: FrameStep) -> None:
+        nonlocal saved
+        if time.monotonic() - saved > SAVE_S:
+            save_scene(plan.folder / pose_name, as_saved(scene))
+            saved = time.monotonic()
+
+    try:
+        chain = make_registration(open_scene_files(job.path(job.start)))
+        end = chain.track(watch=watch, threads=threads)
+        save_scene(plan.folder / pose_name, as_saved(end.scene))
+        picture = shrink_picture(replace(end, scene=show_frame(end.scene, 0)).picture())
+        save_image(plan.folder / picture_name, picture)
+    except PoseViewerError as error:
+        return save_failure(plan.folder, job, str(error))
+    new = [note for note in end.notes if note not in chain.notes]
+    poses = [pose for frame in end.scene.frames for pose in frame.poses.values()]
+    verdicts = [p.result.verdict for p in poses if p.source == "propagated" and p.result]
+    count = Counter(verdict.label for verdict in verdicts if verdict)
+    worst = "doubtful" if count["doubtful"] else "found" if count["found"] else "lost"
+    result = JobResult(
+        f"{len(verdicts)} of {len(end.scene.frames)} frames have propagated poses.",
+        seconds=round(time.monotonic() - began, 3),
+        pose=pose_name,
+        picture=picture_name,
+        verdict=worst,
+        reasons="\n".join(new),
+    )
+    return save_result(plan.folder, job, result)
+
+
+def save_sequence(batch: Batch) -> tuple[Scene, list[str]]:
+    """Write the sequence with the poses of all rows so far, and the table of rows.
+
+    Returns:
+        The sequence, and notes on where poses end or jump.
+    """
+    path = batch.folder / SEQUENCE
+    scene, rows = load_scene(path), batch.rows()
+    frames = list(scene.frames)
+    for job in batch.jobs:
+        pose_name, _ = result_files(job)
+        first = int(job.box.split(",")[0])
+        if (batch.folder / pose_name).exists():
+            for index, frame in enumerate(load_scene(batch.folder / pose_name).frames, first):
+                poses = {**frame.poses, **frames[index].poses}
+                frames[index] = replace(frames[index], poses=poses)
+    scene = show_frame(replace(scene, frames=tuple(frames)), scene.frame_index)
+    save_scene(path, as_saved(scene))
+    save_table(batch.folder, rows)
+    notes = [line for row in rows for line in row.result.reasons.split("\n") if line]
+    return scene, notes

@@ -1,0 +1,243 @@
+"""An audit of given poses: one that is shifted by hand is listed first, exact ones are not."""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from poseviewer.app.page.rows import row_text, rows_list
+from poseviewer.app.reviewing import Reviewer
+from poseviewer.batch import review
+from poseviewer.batch.audit import MIN_MOVED_DEVIATIONS, MIN_MOVED_PERCENT, find_finding
+from poseviewer.batch.job_table import Job
+from poseviewer.batch.result_folder import ACCEPTED, REJECTED, JobResult, Row, worst_first
+from poseviewer.batch.run import open_batch, run_batch, save_summaries
+from poseviewer.errors import BatchError
+from poseviewer.files.formats.bop import BopObject
+from poseviewer.files.pose import load_pose
+from poseviewer.files.scene_json import as_saved, load_scene, save_scene
+from poseviewer.geometry.camera import Perspective
+from poseviewer.scene.settings import FitSettings, Limits
+from tests.batches import fit_all, write_table
+from tests.commands import read_rows, refusal, run
+from tests.files.test_scene_frames import sequence
+from tests.scene import Scene
+from tests.several import make_three, write_bop_scene
+
+SHIFT = np.array([0.12, 0.08, 0.0])
+"""Of a given pose, in the model's unit: 6 px of an object of 85 px."""
+QUICK = FitSettings(limits=Limits(40, 600.0))
+FAR = 2.0 * MIN_MOVED_PERCENT
+SURE = 2.0 * MIN_MOVED_DEVIATIONS
+
+
+@pytest.fixture(scope="module")
+def audited(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a BOP scene, whose one image has a shifted pose beside the true one, its
+    models, and the folder ``audit`` of the results.
+    """
+    folder = tmp_path_factory.mktemp("audit")
+    (folder / "models").mkdir()
+    shutil.copy(scene.model, folder / "models/obj_000005.ply")
+    pose = load_pose(scene.truth, 160, 120).pose
+    true, camera = pose.camera_from_model, pose.camera
+    assert isinstance(camera, Perspective)
+    off = replace(true, translation=true.translation + SHIFT)
+    poses = {0: [true], 3: [true, off], 12: [true]}
+    objects = {image: [BopObject(5, place) for place in of] for image, of in poses.items()}
+    bop = write_bop_scene(folder / "000001", camera, dict.fromkeys(poses, scene.photo), objects)
+    fit_all(
+        open_batch(bop, folder / "audit", FitSettings(), models=folder / "models", is_audit=True)
+    )
+    return folder
+
+
+@pytest.fixture
+def out(audited: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(audited / "audit", tmp_path / "audit"))
+
+
+def scene_gt(folder: Path) -> dict[str, list[dict]]:
+    return json.loads((folder / "scene_gt.json").read_text())
+
+
+def test_a_shifted_pose_alone_is_listed_first(audited: Path) -> None:
+    rows = review.load_queue(audited / "audit").rows
+    assert [row.result.finding for row in rows] == ["moved", "", "", ""]
+    first, *others = (row.result for row in rows)
+    assert rows[0].job.row == 3
+    assert first.verdict == "found"
+    assert first.moved_px == pytest.approx(6.0, abs=1.0)
+    assert first.moved_deviations > MIN_MOVED_DEVIATIONS
+    assert all(one.given_verdict == "found" and one.moved_px < 0.5 for one in others)
+    (row,) = (row for row in read_rows(audited / "audit/results.csv") if row["finding"])
+    assert float(row["moved_percent"]) == first.moved_percent > 5.0
+    page = (audited / "audit/report.html").read_text(encoding="utf-8")
+    assert "given poses: 1 moved, 0 unexplained" in page
+    assert page.index('<td class="number">3</td>') < page.index('<td class="number">1</td>')
+
+
+def test_the_picture_has_photo_given_and_found_outline(audited: Path) -> None:
+    result = review.load_queue(audited / "audit").rows[0].result
+    photo, given, found = np.split(cv2.imread(str(audited / "audit" / result.picture)), 3, axis=1)
+    cyan = [np.argwhere(one[..., 0].astype(int) - one[..., 2] > 120) for one in (given, found)]
+    assert not (photo[..., 0].astype(int) - photo[..., 2] > 120).any()
+    magnified = 6.0 * photo.shape[1] / 120.0  # at least: the picture shows a part of the photo
+    apart = cyan[0].mean(axis=0) - cyan[1].mean(axis=0)
+    assert np.hypot(*apart) > 0.8 * magnified
+
+
+def test_accepted_poses_alone_change_the_scene(audited: Path, out: Path) -> None:
+    given = scene_gt(audited / "000001")
+    assert scene_gt(out) == given
+    queue = review.decide(review.load_queue(out), 0, ACCEPTED)
+    queue = review.decide(queue, 1, REJECTED)
+    save_summaries(queue.batch)
+    assert [row.result.review for row in queue.rows[:2]] == ["accepted", "kept"]
+    corrected = scene_gt(out)
+    true, new = corrected["3"]
+    assert true == given["3"][0]
+    np.testing.assert_allclose(new["cam_t_m2c"][:2], true["cam_t_m2c"][:2], atol=0.02)
+    assert {**corrected, "3": given["3"]} == given
+    assert "1 accepted and 1 kept by a person" in (out / "report.html").read_text("utf-8")
+    review.decide(queue, 0, REJECTED)
+    save_summaries(queue.batch)
+    assert scene_gt(out) == given
+
+
+def test_review_keeps_or_accepts_and_shows_the_given_pose(out: Path) -> None:
+    reviewer = Reviewer(out)
+    document, row = reviewer.open_first(), reviewer.queue.rows[0]
+    given = load_pose(row.job.path(row.job.start), 160, 120).pose.camera_from_model
+    np.testing.assert_allclose(
+        document.at_start.pose.camera_from_model.translation, given.translation
+    )
+    away = document.pose.camera_from_model.translation - given.translation
+    np.testing.assert_allclose(away[:2], -SHIFT[:2], atol=0.02)
+    assert "from the given pose, whose verdict is" in row_text(row, False)
+    reviewer.queue = review.decide(reviewer.queue, 0, REJECTED)
+    assert "4 rows, 0 accepted, 1 kept" in rows_list(reviewer.queue, 0)
+    reviewer.close()
+    assert {row["review"] for row in read_rows(out / "results.csv")} == {"", "kept"}
+
+
+def test_an_audit_goes_on_where_it_was(audited: Path, capsys) -> None:
+    out = audited / "audit"
+    first, *others = sorted((out / "rows").glob("audit-*.json"))
+    before, done = first.read_bytes(), [path.stat().st_mtime_ns for path in others]
+    first.unlink()
+    line = ("audit", audited / "000001", "--models", audited / "models", "--out", out)
+    assert run(*line, "--processes", 1) == 0
+    printed = capsys.readouterr()
+    assert "3 of 4 rows were done before" in printed.err
+    assert "given poses: 1 moved, 0 unexplained" in printed.out
+    assert [path.stat().st_mtime_ns for path in others] == done
+    again, old = json.loads(first.read_bytes()), json.loads(before)
+    for name in ("status", "verdict", "finding", "pose"):
+        assert again[name] == old[name]
+    assert again["moved_px"] == pytest.approx(old["moved_px"], abs=0.01)
+
+
+def test_poses_of_a_batch_are_audited_but_rejected_ones(scene: Scene, tmp_path: Path) -> None:
+    table = write_table(scene, tmp_path, 2, f"gone.png,{scene.model},{scene.start}\n")
+    results = tmp_path / "results"
+    fit_all(open_batch(table, results, QUICK))
+    queue = review.load_queue(results)
+    index = next(i for i, row in enumerate(queue.rows) if row.job.row == 1)
+    review.decide(queue, index, REJECTED)
+    batch = open_batch(results, tmp_path / "audit", QUICK, is_audit=True)
+    (job,) = batch.jobs
+    assert job.row == 2
+    assert job.path(job.start).parent == results / "poses"
+    fit_all(batch)
+    (row,) = batch.rows()
+    assert row.result.given_verdict
+    assert not (tmp_path / "audit/scene_gt.json").exists()
+    chosen = {REJECTED: job.path(job.start), ACCEPTED: batch.folder / row.result.pose}
+    queue = review.load_queue(tmp_path / "audit")
+    for decision, pose in chosen.items():
+        save_summaries(review.decide(queue, 0, decision).batch)
+        (line,) = read_rows(tmp_path / "audit/audited.csv")
+        assert (line["photo"], line["start"]) == (str(job.path(job.photo)), str(pose))
+
+
+def test_poses_of_a_sequence_are_audited(tmp_path: Path) -> None:
+    path, out = tmp_path / "sequence.json", tmp_path / "audit"
+    save_scene(path, as_saved(sequence(make_three(tmp_path))))
+    batch = open_batch(path, out, QUICK, is_audit=True)
+    assert [Path(job.photo).name for job in batch.jobs] == ["f0.png", "f1.png", "f2.png"]
+    assert open_batch(path, out, QUICK, is_audit=True).jobs == batch.jobs  # it would go on
+    fit_all(batch)
+    queue = review.load_queue(out)
+    index = next(i for i, row in enumerate(queue.rows) if row.job.row == 2)
+    save_summaries(review.decide(queue, index, ACCEPTED).batch)
+    given, audited = load_scene(path), load_scene(out / path.name)
+    name = given.objects[0].id
+    sources = [frame.poses[name].source for frame in audited.frames]
+    assert sources == ["key", "key", "propagated"]
+    found = load_pose(out / queue.rows[index].result.pose, 320, 240).pose.camera_from_model
+    for number, pose in ((0, None), (1, found), (2, None)):
+        before, after = (s.frames[number].poses[name].world_from_model for s in (given, audited))
+        wanted = before.rigid if pose is None else pose
+        np.testing.assert_allclose(after.rigid.translation, wanted.translation)
+    assert audited.frame_index == given.frame_index
+
+
+def test_a_batch_and_an_audit_of_the_same_rows_do_not_mix(scene: Scene, tmp_path: Path) -> None:
+    table, out = write_table(scene, tmp_path, 1), tmp_path / "out"
+    fit_all(open_batch(table, out, QUICK))
+    assert "finding" not in read_rows(out / "results.csv")[0]
+    audit = open_batch(table, out, QUICK, is_audit=True)
+    assert len(audit.to_do()) == 1
+
+
+def test_what_cannot_be_audited_is_said(scene: Scene, audited: Path, tmp_path: Path, capsys):
+    bop = audited / "000001"
+    line = "audit", bop, "--out", tmp_path / "out"
+    assert "name the folder of its models" in refusal(capsys, *line)
+    results = write_table(scene, tmp_path, 0, f"p.png,{scene.model},auto\n").parent / "results"
+    batch = open_batch(tmp_path / "jobs.csv", results, QUICK)
+    with pytest.raises(BatchError, match="no row of the batch has a pose"):
+        open_batch(results, tmp_path / "out", QUICK, is_audit=True)
+    said = refusal(capsys, "audit", audited / "audit", "--objects", "5", "--out", tmp_path / "out")
+    assert "which is no BOP scene" in said
+    said = refusal(capsys, "audit", audited / "audit", "--out", audited / "audit")
+    assert "is what is read" in said
+    (result,) = run_batch(replace(batch, is_audit=True), batch.jobs, processes=1)
+    assert "the start auto in an audit" in result.reason
+
+
+@pytest.mark.parametrize(
+    ("found", "given", "percent", "deviations", "finding"),
+    [
+        ("found", "found", FAR, SURE, "moved"),
+        ("found", "lost", FAR, SURE, "moved"),
+        ("found", "found", 0.5 * FAR, SURE, ""),
+        ("found", "found", FAR, 0.5 * SURE, ""),
+        ("found", "found", FAR, None, ""),
+        ("doubtful", "lost", FAR, SURE, ""),
+        ("lost", "found", FAR, None, ""),
+        ("lost", "lost", 0.0, None, "unexplained"),
+    ],
+)
+def test_findings(found: str, given: str, percent: float, deviations, finding: str) -> None:
+    assert find_finding(found, given, percent, deviations) == finding
+
+
+def test_findings_come_before_what_is_likely_wrong() -> None:
+    def row(number: int, **more) -> Row:
+        return Row(Job(number, "p", "m", "s", "/"), JobResult("", **more))
+
+    rows = [
+        row(1, probability=0.6),
+        row(2, probability=0.9, finding="moved", moved_percent=2.0),
+        row(3, probability=0.2, finding="unexplained"),
+        row(4, reason="no such file"),
+        row(5, probability=0.9, finding="moved", moved_percent=3.0),
+        row(6, probability=0.9, finding="moved", moved_percent=9.0, review="kept"),
+    ]
+    assert [own.job.row for own in worst_first(rows)] == [4, 5, 2, 3, 1, 6]

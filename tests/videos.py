@@ -1,0 +1,70 @@
+"""Small videos, as OpenCV writes them, and changed in their bytes as cameras have them."""
+
+import struct
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+RATE = 25.0
+
+
+def pictures(count: int, width: int = 64, height: int = 48) -> list[NDArray[np.uint8]]:
+    """RGB pictures, in which a bright bar grows with the frame."""
+    frames = []
+    for index in range(count):
+        frames.append(np.full((height, width, 3), 40, np.uint8))
+        frames[-1][:, : 2 * index + 2] = (200, 120, 60)
+    return frames
+
+
+def write_video(path: Path, count: int, codec: str = "mp4v") -> Path:
+    """Write a video of ``pictures``."""
+    size = pictures(1)[0].shape[1::-1]
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*codec), RATE, size)
+    for picture in pictures(count):
+        writer.write(picture[..., ::-1])
+    writer.release()
+    return path
+
+
+def bar_of(rgb: NDArray[np.uint8]) -> int:
+    """Index of the frame that a picture shows, by its bar."""
+    return round(float((rgb[10, :, 0] > 120).sum()) / 2.0) - 1
+
+
+def set_durations(path: Path, durations: list[int]) -> None:
+    """Give each frame of an MP4 a duration of its own, in the track's ticks (of 512 a frame)."""
+    data = bytearray(path.read_bytes())
+    *parents, at = _boxes(data, b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stts")
+    entries = b"".join(struct.pack(">II", 1, ticks) for ticks in durations)
+    box = struct.pack(">I4sII", 16 + len(entries), b"stts", 0, len(durations)) + entries
+    (size,) = struct.unpack_from(">I", data, at)
+    for parent in parents:
+        struct.pack_into(">I", data, parent, len(box) - size + _size(data, parent))
+    data[at : at + size] = box
+    path.write_bytes(data)
+
+
+def turn_video(path: Path) -> None:
+    """Say in an MP4 that players have to turn it by 90 degrees, as phones do."""
+    data = bytearray(path.read_bytes())
+    at = _boxes(data, b"moov", b"trak", b"tkhd")[-1] + 48
+    struct.pack_into(">9i", data, at, 0, 0x10000, 0, -0x10000, 0, 0, 0, 0, 0x40000000)
+    path.write_bytes(data)
+
+
+def _boxes(data: bytearray, *names: bytes) -> list[int]:
+    """Places of boxes (ISO/IEC 14496-12), each in the one before."""
+    places, at = [], 0
+    for name in names:
+        while data[at + 4 : at + 8] != name:
+            at += _size(data, at)
+        places.append(at)
+        at += 8
+    return places
+
+
+def _size(data: bytearray, at: int) -> int:
+    return struct.unpack_from(">I", data, at)[0]
