@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from poseviewer.cli import options as table
-from poseviewer.cli.case import SAYS, calibration_of, sort_named_files
+from poseviewer.cli.case import SAYS, calibration_of, load_named_sequence, sort_named_files
 from poseviewer.cli.terminal import say
 from poseviewer.errors import SettingsError
 
@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 OPTIONS = {
     "": (
         table.option(
-            "photo PHOTO|FOLDER|ZIP|SCENE.json", "photo, or all files together", nargs="?"
+            "photo PHOTO|FOLDER|ZIP|VIDEO|SCENE.json",
+            "photo, frames of a sequence (a folder or a video), or all files together",
+            nargs="?",
         ),
         table.MODEL,
         table.POSE,
@@ -30,15 +32,24 @@ OPTIONS = {
         table.APP_RENDERER,
         *table.SERVER,
     ),
+    "a sequence": table.SEQUENCE,
     **table.VIEWS,
     **table.CAMERA,
 }
-EXAMPLES = ("poseviewer photo.jpg car.glb --pose start.json", "poseviewer app shelf.scene.json")
+EXAMPLES = (
+    "poseviewer photo.jpg car.glb --pose start.json",
+    "poseviewer app clip.mp4 car.glb --every 5",
+)
 
 
 def _files_of(options: Namespace) -> tuple[FileSet, list[Path]]:
     """Sort the files named, or those of a folder or zip; find the files that models refer to."""
+    from poseviewer.files.video import VIDEOS
+
     path: Path | None = options.photo
+    if path and path.suffix.lower() in VIDEOS and not options.views:
+        files = replace(sort_named_files(options), photo=None, frames=(path,))
+        return files, [model.path for model in files.models]
     if options.views or not (path and (path.is_dir() or path.suffix.lower() == ".zip")):
         files = sort_named_files(options)
         return files, [model.path for model in files.models]
@@ -62,17 +73,28 @@ def _opening(options: Namespace) -> Callable[[], Document]:
     if options.photo is None:
         of_photo = (table.POSE, table.MASK, table.WITHOUT, table.CALIBRATION)
         table.refuse(options, of_photo, "without PHOTO and MODEL; name all three")
-    elif files.scene is None and not (models and (files.photo or files.views)):
-        what = "model" if files.photo or files.views else "photo"
+    elif files.scene is None and not (models and (files.photo or files.views or files.frames)):
+        what = "model" if files.photo or files.views or files.frames else "photo"
         raise SettingsError(f"{options.photo}: no {what} was found; name PHOTO and MODEL")
     if files.views is not None:
         table.refuse(options, (table.MASK, table.CALIBRATION), SAYS.format("a set of photos"))
     elif calibration is None and files.camera is not None:
         calibration = Calibration(files.camera)
-    named = (files.photo, files.scene, *models, files.pose, options.mask, files.views)
+    if not files.frames:
+        table.refuse(options, table.SEQUENCE, "without a video or a folder of frames; leave it out")
+    named = (
+        *files.frames[:1],
+        files.photo,
+        files.scene,
+        *models,
+        files.pose,
+        options.mask,
+        files.views,
+    )
     for path in filter(None, named):  # an error is printed before the page opens
         if not (path.is_file() or (path == files.views and path.is_dir())):
             raise SettingsError(f"{path}: no such file; check the path")
+    sequence = load_named_sequence(options, files.frames) if files.frames else None
     if files.scene is not None:
         from poseviewer.files.scene_json import load_scene
 
@@ -89,9 +111,9 @@ def _opening(options: Namespace) -> Callable[[], Document]:
         if files.views is not None:
             choice = table.make(SetChoice, options)
             return open_set(files.views, models[0], pose, choice, without)
-        if files.photo is not None:
+        if photo := sequence or files.photo:
             chosen = calibration, options.mask, without, models[1:]
-            return open_files(files.photo, models[0], pose, *chosen)
+            return open_files(photo, models[0], pose, *chosen)
         case = demo_case()
         return open_files(case.photo, case.model, case.start)
 

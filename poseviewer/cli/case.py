@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:  # help texts come before all that
     from poseviewer.api import Registration
     from poseviewer.files.cameras import Calibration
     from poseviewer.files.file_set import FileSet
+    from poseviewer.files.image_sequence import ImageSequence
     from poseviewer.starts.instances import AutoStart
     from poseviewer.starts.loading import FindStart
 
@@ -74,6 +76,20 @@ def sort_named_files(options: Namespace) -> FileSet:
         return FileSet(scene=photo)
     table.refuse(options, (table.OBJECT,), "without a scene; leave it out, or name a scene file")
     return FileSet(photo, models=(ModelFiles(model),) if model else (), pose=options.pose)
+
+
+def load_named_sequence(options: Namespace, frames: Sequence[Path]) -> ImageSequence:
+    """Load the frames of a sequence, or of its video, by the options of ``table.SEQUENCE``."""
+    from poseviewer.files.image_sequence import load_sequence
+    from poseviewer.files.video import VIDEOS
+
+    source = frames[0] if frames[0].suffix.lower() in VIDEOS else frames
+    with progress_bar(100, getattr(options, "quiet", False)) as bar:
+
+        def show(share: float) -> None:
+            bar.update(round(100.0 * share) - bar.n)
+
+        return load_sequence(source, options.every or 1, options.frames, show)
 
 
 def load_named(options: Namespace) -> Registration:

@@ -220,6 +220,10 @@ OF_CALIBRATION = (
     LENS_MODEL,
 )
 CAMERA: Options = {"the photo's camera": (CALIBRATION, *OF_CALIBRATION)}
+SEQUENCE = (
+    option("--every N", "take every N-th frame of a video or a folder of frames (default: 1)"),
+    option("--frames FOLDER", "keep a video's frames here (default: VIDEO.frames beside it)"),
+)
 SETS = option(
     "--views SET",
     "fit one pose to several photos, not PHOTO: SET.json, a COLMAP folder, transforms.json or a "

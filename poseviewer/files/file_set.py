@@ -15,6 +15,7 @@ from poseviewer.files.cameras import load_cameras
 from poseviewer.files.checks import InputFile
 from poseviewer.files.colmap_model import colmap_file
 from poseviewer.files.formats.bop import CAMERAS
+from poseviewer.files.image_sequence import natural_order
 from poseviewer.files.keypoints import keypoints_path
 from poseviewer.files.mesh.load import ELSEWHERE, READERS
 from poseviewer.files.mesh.named import bare_name, find_named, plain_name
@@ -23,15 +24,22 @@ from poseviewer.files.photo import ENDINGS as PICTURES
 from poseviewer.files.photo import RAW_ENDINGS, was_taken_by_a_camera
 from poseviewer.files.structs import SCENE
 from poseviewer.files.symmetry import symmetry_path
+from poseviewer.files.video import RECORD, VIDEOS
 
 Kind = Literal["photo", "model", "pose"]
 
 MAX_FILES = 10_000
 """Limit of a set: a scene of a thousand photos with depths and masks has some thousand."""
+MAX_BELOW = 100_000
+"""Limit of a folder on the disk, whose files are listed alone."""
 MAX_MODELS = 200
 MAX_NAMED = 5
 OF_MODELS = (".mtl", ".bin")
 """Files that are nothing without their model."""
+OF_SEVERAL = (
+    "the file that says where their cameras stood; or frames of a sequence, numbered, in one folder"
+)
+"""What tells how several photos belong together."""
 NO_PICTURES = (*OF_MODELS, ".json")
 """Files that models name, beside pictures."""
 SYSTEM_NAMES = ("__macosx", "thumbs.db", "desktop.ini")
@@ -56,6 +64,8 @@ class FileSet:
     """Files that came together, by what they are."""
 
     photo: Path | None = None
+    frames: tuple[Path, ...] = ()
+    """Photos of a sequence in order, or its video, as ``load_sequence`` takes them."""
     camera: Path | None = None
     models: tuple[ModelFiles, ...] = ()
     pose: Path | None = None
@@ -78,10 +88,10 @@ class FileSet:
 
 def files_below(root: Path) -> tuple[Path, ...]:
     """List all files in a folder and below, sorted, without what systems leave there."""
-    files = tuple(islice(_walk(root), MAX_FILES + 1))
-    if len(files) > MAX_FILES:
+    files = tuple(islice(_walk(root), MAX_BELOW + 1))
+    if len(files) > MAX_BELOW:
         wanted = "name a folder inside it, or PHOTO and MODEL"
-        raise FileSetError(f"{root}: more than {MAX_FILES:,} files; {wanted}.")
+        raise FileSetError(f"{root}: more than {MAX_BELOW:,} files; {wanted}.")
     return tuple(sorted(files))
 
 
@@ -96,7 +106,8 @@ def sort_set(
     """Sort files, which the user calls of a ``kind``, by what they are.
 
     A picture that a model names is a texture. Beside such a model, another picture is the photo if
-    a camera has taken it. ``at_hand``: open model, which may miss what is here.
+    a camera has taken it. Several photos in one folder, of which no file says where their cameras
+    stood, are a sequence. ``at_hand``: open model, which may miss what is here.
 
     Raises:
         FileSetError: several of a kind, or nothing that can be opened.
@@ -126,22 +137,30 @@ def sort_set(
     pose, views = _only(poses, "pose files"), _only(sets, "sets of photos")
     pose = pose if len(models) < 2 else None  # it does not say of which of them it is
     photo = camera = None
+    frames = tuple[Path, ...]()
     if views is not None:
         _only([model.path for model in models], "models of one set of photos")
         used |= {views, *pictures, *(path for path in files if views in path.parents)}
     else:
+        videos = of_kind["video"]
         if kind in ("model", "pose"):
-            pictures = []
+            pictures = videos = []
         elif kind is None and any(model.names_pictures for model in models):
             pictures = [path for path in pictures if was_taken_by_a_camera(path)]
-        beside = " (or with them the file that says where their cameras stood)"
-        photo = _only(pictures, "photos", beside)
+        is_numbered = all(any(map(str.isdigit, path.stem)) for path in pictures)
+        if is_numbered and len({path.parent for path in pictures}) == 1 < len(pictures):
+            frames = tuple(sorted(pictures, key=natural_order))
+        elif video := _only(videos, "videos"):
+            frames = (video,)
+        else:
+            photo = _only(pictures, "photos", f" (or with them {OF_SEVERAL})")
         camera = _only(cameras, "files of cameras")
-    if not (photo or camera or models or pose or views):
+    if not (photo or frames or camera or models or pose or views):
         raise _nothing_to_open(files, kind)
-    used |= {path for path in (photo, camera, pose) if path is not None}
+    used |= {path for path in (photo, camera, pose, *frames) if path is not None}
+    used |= {path.with_name(RECORD) for path in frames[:1]}
     unused = tuple(path for path in files if path not in used)
-    return FileSet(photo, camera, tuple(models), pose, views, unused=unused)
+    return FileSet(photo, frames, camera, tuple(models), pose, views, unused=unused)
 
 
 def model_files(path: Path, others: Sequence[Path]) -> ModelFiles:
@@ -192,6 +211,8 @@ def _kind_of(path: Path, as_pose: bool, sole: bool) -> str:
         return "model"
     if suffix in PICTURES or (sole and suffix in RAW_ENDINGS):
         return "picture"
+    if suffix in VIDEOS:
+        return "video"
     is_json = suffix == ".json"
     if is_json and is_scene_file(path):
         return "scene"
@@ -245,7 +266,7 @@ def _nothing_to_open(files: Sequence[Path], kind: Kind | None) -> FileSetError:
     what = files[0].name if len(files) == 1 else f"{len(files):,} files"
     if files and all(path.suffix.lower() in OF_MODELS for path in files):
         return FileSetError(f"{what}: of a model that did not come along; drop them together.")
-    wanted, endings = "a photo, a model or a pose", (*PICTURES, *READERS, ".json")
+    wanted, endings = "a photo, a model or a pose", (*PICTURES, *READERS, ".json", *VIDEOS)
     if kind == "pose":
         wanted, endings = "a pose", (".json",)
     found = "not the name of" if len(files) == 1 else "none is"

@@ -78,7 +78,7 @@ def _of_images(name: str, paths: Sequence[Path], every: int) -> ImageSequence:
     if not paths:
         wanted = f"a folder of images ({', '.join(ENDINGS)})"
         raise PhotoFileError(f"{name}: no image in it; wanted {wanted}.")
-    record, kept, errors = load_record(paths[0].parent), list[Path](), list[PhotoFileError]()
+    kept, errors = list[Path](), list[PhotoFileError]()
     first = None
     for path in paths[::every]:
         try:
@@ -100,6 +100,7 @@ def _of_images(name: str, paths: Sequence[Path], every: int) -> ImageSequence:
     if errors:
         reasons = list_names([str(error).rstrip(".") for error in errors], MAX_NAMED)
         notes += (f"{len(errors)} of {len(paths[::every])} frames are left out: {reasons}.",)
+    record = load_record(paths[0].parent)
     known = record.times_s if record else {}
     return ImageSequence(name, tuple(kept), tuple(known.get(path.name) for path in kept), notes)
 

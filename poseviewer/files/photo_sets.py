@@ -111,7 +111,7 @@ def _views(
         wanted = f"wanted COLMAP's model (images.bin or .txt) or a BOP scene ({CAMERAS})"
         raise file.error("a folder without a set of photos", wanted)
     data = file.load_object()
-    if isinstance(frames := data.get("frames"), list):
+    if isinstance(frames := data.get("frames"), list) and data.get("format") != s.SCENE:
         entries = (data | file.object(frame, "a frame") for frame in frames)
         chosen = (e for e in entries if _is_chosen(str(e.get("file_path")), choice.photos))
         return (frame_view(file, own, ConvertOptions()) for own in chosen), None, None, True

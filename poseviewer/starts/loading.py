@@ -10,12 +10,13 @@ import numpy as np
 from poseviewer.errors import CalibrationFileError, PoseFileError, SettingsError, list_names
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.formats.conversion import METRES
+from poseviewer.files.image_sequence import ImageSequence, load_sequence
 from poseviewer.files.masks import load_mask, mask_beside
 from poseviewer.files.mesh.size import distance_notes
 from poseviewer.files.photo import load_calibrated_photo, undistort_photo
 from poseviewer.files.photo_sets import LoadedViews, SetChoice, load_views, with_names
 from poseviewer.files.pose import PoseRecord, check_against, load_pose
-from poseviewer.files.scene_assets import load_model, open_view
+from poseviewer.files.scene_assets import frame_file, load_model, open_view
 from poseviewer.files.scene_json import load_scene
 from poseviewer.files.structs import CameraNumbers, Distortion, ModelReference
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
@@ -25,8 +26,9 @@ from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.world_pose import triangulate_scale
 from poseviewer.scene.assets import ModelFile, PhotoFile
+from poseviewer.scene.frames import store_key, with_frames
 from poseviewer.scene.settings import FitSettings
-from poseviewer.scene.types import Scene, SceneObject, View, scene_at
+from poseviewer.scene.types import Frame, Scene, SceneObject, View, scene_at
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 
 MIN_DIFFERENCE = 1e-3
@@ -142,6 +144,36 @@ def open_photo_scene(
     scene = scene_at(View(file, camera, mask=mask), model, start, settings=settings, **fields)
     notes = (*notes_of(opened), *notes_of(model), *notes)
     return with_instances(replace(scene, name=opened.name, notes=notes), others)
+
+
+def open_sequence(
+    frames: str | Path | Sequence[Path] | ImageSequence, model: str | Path | ModelFile,
+    start: str | Path | Pose | FindStart, every: int = 1, settings: FitSettings | None = None,
+    calibration: Calibration | str | Path | None = None, mask: str | Path | Mask | None = None,
+) -> Scene:  # fmt: skip
+    """Open the scene of a model in the frames of a sequence, which shows the first.
+
+    Args:
+        frames: folder of images, their files, or a video; or what ``load_sequence`` made of them.
+        model: file, or loaded model.
+        start: in the first frame, as of ``open_photo_scene``; a given pose is a key there.
+        every: take the first frame, and every N-th after it.
+        settings: those of the object.
+        calibration: camera and lens of all frames.
+        mask: weight of each pixel in all frames, or its picture.
+
+    Raises:
+        PoseViewerError: as of ``load_sequence`` and ``open_photo_scene``.
+    """
+    sequence = frames if isinstance(frames, ImageSequence) else load_sequence(frames, every)
+    is_given = isinstance(start, str | Path | Pose)
+    scene = open_photo_scene(sequence.paths[0], model, start, settings, calibration, mask)
+    view = scene.views[0]
+    files = (view.file, *(frame_file(path, view) for path in sequence.paths[1:]))
+    times = zip(files, sequence.times_s, strict=True)
+    scene = with_frames(scene, [Frame(file=file, time_s=time) for file, time in times])
+    scene = replace(scene, name=sequence.name, notes=(*scene.notes, *sequence.notes))
+    return store_key(scene, 0) if is_given else scene
 
 
 def with_instances(scene: Scene, others: Sequence[Pose]) -> Scene:

@@ -11,6 +11,7 @@ from poseviewer.errors import RendererUnavailableError
 from poseviewer.files.pose import load_pose
 from tests.commands import refusal, run
 from tests.renderers import require_gpu
+from tests.videos import write_video
 
 
 @pytest.fixture
@@ -47,6 +48,25 @@ def test_a_folder_with_a_set_of_photos_is_opened(folder, served):
     assert [one.settings.search for one in served] == ["auto", "auto", "models"]
     (folder / "set" / "m.ply").unlink()
     assert run("app set") == 2
+
+
+def test_frames_in_a_folder_or_of_a_video_are_a_sequence(folder, served, capsys):
+    (folder / "frames").mkdir()
+    for number in (1, 2, 10):
+        shutil.copy("p.png", f"frames/f{number}.png")
+    write_video(folder / "clip.mp4", 6)
+    assert run("app frames m.ply --pose start.json") == 0
+    assert run("app frames m.ply --every 2") == 0
+    assert run("app clip.mp4 m.ply --every 4 --frames kept") == 0
+    paths = [[frame.file.path for frame in opened.scene.frames] for opened in served]
+    assert [[path.name for path in own] for own in paths] == [
+        ["f1.png", "f2.png", "f10.png"], ["f1.png", "f10.png"], ["000000.jpg", "000004.jpg"],
+    ]  # fmt: skip
+    assert {path.parent for path in paths[2]} == {folder / "kept"}
+    assert [bool(opened.scene.frames[0].poses) for opened in served] == [True, False, False]
+    assert "--every without a video or a folder" in refusal(capsys, "app p.png m.ply --every 2")
+    assert "frames: no model was found; name PHOTO and MODEL" in refusal(capsys, "app frames")
+    assert "gone.mp4: no such file" in refusal(capsys, "app gone.mp4 m.ply")
 
 
 def test_a_gpu_is_used_or_refused(served, monkeypatch, capsys):

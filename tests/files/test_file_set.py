@@ -125,9 +125,12 @@ def test_what_the_model_at_hand_misses_may_come_later(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("names", "content", "sentence"), [
-    ([f"{i:04d}.jpg" for i in range(1000)], "",
-     "1,000 photos: 0000.jpg, 0001.jpg, 0002.jpg, 0003.jpg, 0004.jpg and 995 more; wanted "
-     "one (or with them the file that says where their cameras stood), nothing was opened."),
+    ([f"{i}/{i:04d}.jpg" for i in range(1000)], "",
+     "1,000 photos: 0/0000.jpg, 1/0001.jpg, 10/0010.jpg, 100/0100.jpg, 101/0101.jpg and 995 more; "
+     "wanted one (or with them the file that says where their cameras stood; or frames of a "
+     "sequence, numbered, in one folder), nothing was opened."),
+    (["bark.jpg", "wood.jpg"], "", "2 photos: bark.jpg, wood.jpg; wanted one (or with them"),
+    (["a.mp4", "b.mov"], "", "2 videos: a.mp4, b.mov; wanted one, nothing was opened."),
     (["a/p.json", "b/p.json"], POSE,
      "2 pose files: a/p.json, b/p.json; wanted one, nothing was opened."),
     (["1.json", "2.json"], CAMERA, "2 files of cameras: 1.json, 2.json; wanted one, nothing"),
@@ -135,7 +138,7 @@ def test_what_the_model_at_hand_misses_may_come_later(tmp_path: Path) -> None:
     (["1.json", "2.json"], {"frames": []}, "2 sets of photos: 1.json, 2.json"),
     (["notes.txt"], "x", "notes.txt: not the name of a photo, a model or a pose file; wanted "),
     (["car.mtl"], "x", "car.mtl: of a model that did not come along; drop them together."),
-    (["a.txt", "b.mov"], "x", "2 files: none is a photo, a model or a pose file; wanted one "),
+    (["a.txt", "b.doc"], "x", "2 files: none is a photo, a model or a pose file; wanted one "),
 ])  # fmt: skip
 def test_what_cannot_be_opened_is_said_in_one_sentence(tmp_path: Path, names, content, sentence):
     for name in names:
@@ -150,9 +153,24 @@ def test_of_a_folder_systems_own_files_are_left_out_and_too_many_are_refused(tmp
     path = write(tmp_path / "a.obj", PLAIN)
     assert files_below(tmp_path) == (path,)
     write(tmp_path / "b.obj", PLAIN)
-    monkeypatch.setattr("poseviewer.files.file_set.MAX_FILES", 1)
+    monkeypatch.setattr("poseviewer.files.file_set.MAX_BELOW", 1)
     with pytest.raises(FileSetError, match="more than 1 files; name a folder inside it"):
         files_below(tmp_path)
+
+
+def test_several_photos_or_a_video_are_a_sequence(tmp_path: Path) -> None:
+    frames = [picture(tmp_path / f"f{number}.png") for number in (10, 9)]
+    model, record = write(tmp_path / "m.ply", b"x"), write(tmp_path / "frames.json", {})
+    files = sort(tmp_path)
+    assert (files.frames, files.photo, files.unused) == (tuple(frames[::-1]), None, ())
+    assert [one.path for one in files.models] == [model]
+    assert not sort_set([*frames, model], kind="model").frames
+    clip = write(tmp_path / "clip.mp4", b"x")
+    assert sort_set([clip, model, frames[0]]).frames == (clip,)
+    assert sort_set([clip, model, frames[0]]).unused == (frames[0],)
+    assert not sort_set([clip, model], kind="model").frames
+    write_frames(tmp_path, camera_angle_x=0.5)
+    assert not sort_set([*frames, record, tmp_path / "transforms.json"]).frames
 
 
 @pytest.mark.parametrize("write_cameras", [

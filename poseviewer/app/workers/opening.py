@@ -11,6 +11,7 @@ from poseviewer.errors import PoseFileError, QuickStartError
 from poseviewer.files.cameras import Calibration, load_calibration
 from poseviewer.files.demo import PLACES
 from poseviewer.files.file_set import FileSet
+from poseviewer.files.image_sequence import ImageSequence, load_sequence
 from poseviewer.files.photo import load_calibrated_photo, load_photo, orientation_of
 from poseviewer.files.photo_sets import LoadedViews, SetChoice, load_views
 from poseviewer.files.pose import load_pose
@@ -29,7 +30,7 @@ from poseviewer.starts.placing import look_from
 
 
 def open_files(
-    photo: Path,
+    photo: Path | ImageSequence,
     model: Path,
     pose: Path | None,
     calibration: Calibration | None = None,
@@ -37,10 +38,10 @@ def open_files(
     without: Sequence[str] = (),
     objects: Sequence[Path] = (),
 ) -> Document:
-    """Open a photo and a model.
+    """Open a photo, or a sequence, and a model.
 
     Args:
-        photo: its file.
+        photo: its file, or the frames.
         model: its file.
         pose: file of the start pose; None: the model is still to be placed.
         calibration: of the photo's camera.
@@ -49,7 +50,11 @@ def open_files(
         objects: files of further models, which are still to be placed.
     """
     parts, start = FitSettings(without=tuple(without)), pose or _corner_start
-    scene = loading.open_photo_scene(photo, model, start, parts, calibration, mask)
+    of_photo = parts, calibration, mask
+    if isinstance(photo, ImageSequence):
+        scene = loading.open_sequence(photo, model, start, 1, *of_photo)
+    else:
+        scene = loading.open_photo_scene(photo, model, start, *of_photo)
     return with_models(_make_document(scene, pose), objects)
 
 
@@ -111,6 +116,14 @@ def open_file_set(
             )
         document = with_notes(open_set(files.views, model, files.pose), files.notes)
         return with_models(document, models[1:])
+    if files.frames:
+        model = models[0] if models else now.model.path
+        if model is None:
+            raise QuickStartError("A sequence without a model; drop both together.")
+        source = files.frames if len(files.frames) > 1 else files.frames[0]
+        calibration = files.camera and Calibration(files.camera, None, lens_model)
+        document = open_files(load_sequence(source), model, files.pose, calibration)
+        return with_models(with_notes(document, files.notes), models[1:])
     document = replace(now, scene=replace(now.scene, notes=files.notes))
     photo = now.view.path if files.photo is None and files.camera is not None else files.photo
     if photo is not None:

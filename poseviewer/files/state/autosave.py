@@ -86,7 +86,8 @@ class SessionFile:
         known = self._frames if is_same else (None,) * len(frames)
         changed = [i for i, frame in enumerate(frames) if frame is not known[i]]
         if len(changed) + self._lines > MAX_LINES_PER_FRAME * len(frames) or not is_same:
-            changed, is_same, self._lines = range(len(frames)), False, 0
+            changed, is_same = range(len(frames)), False
+            self._lines = 0
         data = (msgspec.to_builtins([i, encode(frames[i])], enc_hook=float) for i in changed)
         lines = "".join(f"{json.dumps(row, allow_nan=False)}\n" for row in data).encode()
         if is_same and lines:

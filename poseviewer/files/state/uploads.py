@@ -26,6 +26,7 @@ from poseviewer.files.mesh.load import READERS
 from poseviewer.files.mesh.named import bare_name
 from poseviewer.files.photo import ENDINGS
 from poseviewer.files.state.autosave import files_of_sessions
+from poseviewer.files.video import VIDEOS
 from poseviewer.files.writing import sha256_of, writing_to
 from poseviewer.scene.types import Scene
 
@@ -50,7 +51,7 @@ Entries: Any = Annotated[list[tuple[str, Annotated[int, Meta(ge=0)]]], Meta(min_
 """Names and sizes (bytes) of the files that a page sends."""
 OUR_NAME = re.compile(rf"[0-9a-f]{{16}}|{BEGUN}.*")
 ACCEPTED = {
-    "photo": (*ENDINGS, ".json", ".yml", ".yaml", ".xml", ".zip"),
+    "photo": (*ENDINGS, *VIDEOS, ".json", ".yml", ".yaml", ".xml", ".zip"),
     "model": (*READERS, ".mtl", ".bin", *ENDINGS, ".json", ".zip"),
     "pose": (".json", ".png"),
 }
@@ -100,7 +101,8 @@ def gather(folder: Path, model: ModelFiles) -> Path:
 
 
 def copy_out(path: Path, scene: Scene, private: Path) -> Scene:
-    """Copy a scene's files from the folder ``private`` beside the scene file at ``path``.
+    """Copy a scene's files from the folder ``private`` beside the scene file at ``path``; frames
+    into a folder ``.frames`` there.
 
     Raises:
         FileSetError: the folder cannot be written to.
@@ -111,8 +113,10 @@ def copy_out(path: Path, scene: Scene, private: Path) -> Scene:
             return own
         named = model_files(own, ()).named.values() if own.suffix.lower() in READERS else ()
         files = [own, *(old for old in named if own.parent in old.parents)]
+        stem = path.name.removesuffix(".json").removesuffix(".scene")
+        beside = path.with_name(f"{stem}.frames") if own in frames else path.parent
         for number in count(1):
-            place = path.parent if number == 1 else path.with_name(f"{path.stem}.{number}")
+            place = beside if number == 1 else path.with_name(f"{path.stem}.{number}")
             pairs = [(old, place / old.relative_to(own.parent)) for old in files]
             if all(not new.exists() or sha256_of(new) == sha256_of(old) for old, new in pairs):
                 break
@@ -122,7 +126,10 @@ def copy_out(path: Path, scene: Scene, private: Path) -> Scene:
                 shutil.copyfile(old, new)
         return pairs[0][1]
 
+    frames = {frame.file.path for frame in scene.frames}
     with writing_to(path.parent, f"{path.name}, with its photos and models", FileSetError):
+        known = (replace(f, file=replace(f.file, path=copy(f.file.path))) for f in scene.frames)
+        scene = replace(scene, frames=tuple(known))
         views = [replace(v, file=replace(v.file, path=copy(v.path))) for v in scene.views]
         items = [replace(o, model=replace(o.model, path=copy(o.model.path))) for o in scene.objects]
     return replace(scene, views=tuple(views), objects=tuple(items))

@@ -1,0 +1,79 @@
+"""A sequence is opened by its first frame, and its other frames are read one by one."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from poseviewer.errors import PoseViewerError
+from poseviewer.files.cameras import Calibration
+from poseviewer.files.photo import load_photo, save_image
+from poseviewer.files.pose import load_pose
+from poseviewer.files.scene_json import as_saved, load_scene, save_scene
+from poseviewer.files.state.uploads import copy_out
+from poseviewer.scene.frames import show_frame
+from poseviewer.starts.loading import open_scene_files, open_sequence
+from tests.scene import Scene
+from tests.writing import write
+
+
+@pytest.fixture
+def frames(scene: Scene, tmp_path: Path) -> Path:
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    for number in (1, 2, 10):
+        save_image(folder / f"f{number}.png", load_photo(scene.photo).pixels // number)
+    return folder
+
+
+def test_the_first_frame_has_the_key_and_others_the_same_camera(frames, scene, tmp_path):
+    opened = open_sequence(frames, scene.model, scene.truth)
+    pose = load_pose(scene.truth).pose
+    assert opened.views[0].camera == pose.camera
+    assert [frame.file.name for frame in opened.frames] == ["f1.png", "f2.png", "f10.png"]
+    assert [[*frame.poses] for frame in opened.frames] == [["1"], [], []]
+    assert opened.name == "frames"
+    last = show_frame(opened, 2)
+    assert last.views[0].photo.pixels.max() < 30
+    save_scene(tmp_path / "s.json", as_saved(last))
+    again = open_scene_files(tmp_path / "s.json")
+    assert (again.frame_index, again.views[0].name) == (2, "f10.png")
+    assert show_frame(again, 0).views[0].photo.sha256 == load_photo(frames / "f1.png").sha256
+
+
+def test_a_calibration_undistorts_every_frame(frames, scene, tmp_path):
+    path = tmp_path / "camera.json"
+    size = {"image_width": 160, "image_height": 120}
+    matrix = [[300.0, 0.0, 83.0], [0.0, 300.0, 58.0], [0.0, 0.0, 1.0]]
+    write(path, {"camera_matrix": matrix, "dist_coeff": [0.3, 0.0, 0.0, 0.0, 0.0], **size})
+    opened = open_sequence(frames, scene.model, scene.truth, calibration=Calibration(path))
+    for index in range(3):
+        shown = show_frame(opened, index).views[0]
+        assert shown.photo.undistortion is not None
+        assert shown.photo.camera == shown.camera
+        taken = load_photo(opened.frames[index].file.path).pixels
+        assert np.any(shown.photo.pixels != taken)
+
+
+def test_frames_are_not_kept_in_memory(frames, scene):
+    os.link(frames / "f10.png", frames / "f11.png")
+    opened = open_sequence(frames, scene.model, scene.truth)
+    for index in (1, 2, 3):
+        assert show_frame(opened, index).views[0].photo is not opened.frames[index].file.read()
+    (frames / "f10.png").write_bytes(b"torn")
+    with pytest.raises(PoseViewerError, match=r"f10\.png: not a picture"):
+        _ = show_frame(opened, 2).views[0].photo
+
+
+def test_frames_of_an_upload_are_copied_beside_the_scene(frames, scene, tmp_path):
+    opened = open_sequence(frames, scene.model, scene.truth)
+    out = tmp_path / "out"
+    out.mkdir()
+    for _ in range(2):
+        saved = copy_out(out / "clip.scene.json", as_saved(opened), frames)
+        save_scene(out / "clip.scene.json", saved)
+    names = [path.name for path in sorted(out.rglob("*"))]
+    assert names == ["clip.frames", "f1.png", "f10.png", "f2.png", "clip.scene.json"]
+    again = load_scene(out / "clip.scene.json")
+    assert again.views[0].path == again.frames[0].file.path == out / "clip.frames" / "f1.png"
