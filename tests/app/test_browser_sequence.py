@@ -32,7 +32,7 @@ def page(browser: Browser, tmp_path: Path) -> Iterator[AppPage]:
 
 def said(tab: AppPage) -> str:
     """What the time line says of the shown frame."""
-    return tab.page.locator(".pv-time span").first.inner_text()
+    return tab.page.locator(".pv-frames + div > span").first.inner_text()
 
 
 def look_at(tab: AppPage, index: int) -> None:
