@@ -120,9 +120,8 @@ def open_file_set(
         model = models[0] if models else now.model.path
         if model is None:
             raise QuickStartError("A sequence without a model; drop both together.")
-        source = files.frames if len(files.frames) > 1 else files.frames[0]
         calibration = files.camera and Calibration(files.camera, None, lens_model)
-        document = open_files(load_sequence(source), model, files.pose, calibration)
+        document = open_files(load_sequence(files.frames), model, files.pose, calibration)
         return with_models(with_notes(document, files.notes), models[1:])
     document = replace(now, scene=replace(now.scene, notes=files.notes))
     photo = now.view.path if files.photo is None and files.camera is not None else files.photo
