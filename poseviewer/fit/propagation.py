@@ -102,10 +102,10 @@ def propagate(
     """
     chosen = range(len(scene.objects)) if object_indices is None else object_indices
     chosen = [index for index in chosen if not scene.objects[index].locked]
-    for chain in split_at_keys(scene, first, last, chosen):
-        tracks = _Chain(scene, renderers, chosen, threads, chain, (first, last))
-        yield from tracks.sweep(range(chain[0], chain[1] + 1))
-        yield from tracks.sweep(range(chain[1], chain[0] - 1, -1))
+    for ends in split_at_keys(scene, first, last, chosen):
+        chain = _Chain(scene, renderers, chosen, threads, ends)
+        yield from chain.sweep(range(ends[0], ends[1] + 1))
+        yield from chain.sweep(range(ends[1], ends[0] - 1, -1))
 
 
 def split_at_keys(
@@ -125,24 +125,27 @@ def split_at_keys(
     ids = [scene.objects[index].id for index in object_indices]
     keys = [set(key_indices(scene, name)) for name in ids]
     known = set[int]().union(*keys)
-
-    def is_posed(index: int) -> bool:
-        poses = scene.frames[index].poses if 0 <= index < len(scene.frames) else {}
-        return any(name in poses and not poses[name].is_stale for name in ids)
-
     first, last = max(first, 0), min(last, len(scene.frames) - 1)
-    inside = {key for key in known if first <= key <= last}
-    before = [key for key in known - inside if key < first]
-    if is_posed(first - 1):
+    has_keys = any(first <= key <= last for key in known)
+    before = [key for key in known if key < first]
+    is_begun = _has_poses(scene, first, ids)
+    if first not in known and _has_poses(scene, first - 1, ids):
         first -= 1
-    elif not inside and before:
+    elif not has_keys and not is_begun and before:
         first = max(before)
-    if is_posed(last + 1):
+    if last not in known and _has_poses(scene, last + 1, ids):
         last += 1
-    elif not inside and not before:
+    elif not has_keys and not is_begun and not before:
         last = min(known, default=last)
-    cuts = {key for key in set(known).intersection(*keys) if first < key < last}
+    cuts = {key for key in known.intersection(*keys) if first < key < last}
     return list(pairwise(sorted({first, last, *cuts}))) if known else []
+
+
+def _has_poses(scene: Scene, frame_index: int, ids: Sequence[str]) -> bool:
+    """Tell whether a frame has poses that are not stale."""
+    is_there = 0 <= frame_index < len(scene.frames)
+    poses = scene.frames[frame_index].poses if is_there else {}
+    return any(name in poses and not poses[name].is_stale for name in ids)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -201,33 +204,26 @@ class _Chain:
         chosen: Sequence[int],
         threads: int,
         ends: tuple[int, int],
-        wanted: tuple[int, int],
     ) -> None:
         self._scene, self._renderers, self._threads = scene, renderers, threads
-        self._chosen, self._ends, self._wanted = chosen, ends, wanted
+        self._chosen, self._ends = chosen, ends
         self._tracks: dict[int, _Track] = {}
         self._forwards: dict[tuple[int, int], FramePose] = {}
         """Poses of the way forwards, by object and frame."""
 
     def sweep(self, frames: range) -> Iterator[FrameStep]:
         """Follow the objects through the frames, in the order of these."""
-        self._tracks, (first, last) = {}, self._wanted
+        self._tracks = {}
         for frame_index in frames:
-            poses = self._scene.frames[frame_index].poses
+            # A propagated pose is begun from, but for the one at which another way has ended.
+            is_begin = frame_index == frames[0] and 0 < frame_index < len(self._scene.frames) - 1
             due = []
             for index in self._chosen:
-                item = self._scene.objects[index]
-                known, track = poses.get(item.id), self._tracks.get(index)
-                is_outside = not first <= frame_index <= last and known and not known.is_stale
-                if known is not None and (known.source == "key" or is_outside):
-                    pose, time = (
-                        self._scene.views[0].pose(known.world_from_model),
-                        self._time(frame_index),
-                    )
-                    track = (
-                        _Track(item.mesh, pose, time) if track is None else track.follow(pose, time)
-                    )
-                    self._tracks[index] = track
+                item, track = self._scene.objects[index], self._tracks.get(index)
+                known = self._scene.frames[frame_index].poses.get(item.id)
+                if known and (known.source == "key" or (is_begin and not known.is_stale)):
+                    at = self._scene.views[0].pose(known.world_from_model), self._time(frame_index)
+                    self._tracks[index] = track.follow(*at) if track else _Track(item.mesh, *at)
                 elif track is not None:
                     due.append(index)
             if due:

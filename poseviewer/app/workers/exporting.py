@@ -66,9 +66,12 @@ def pose_file_view(document: Document) -> int:
     return document.view_index if document.object.result is None else document.object.result.view
 
 
-def stem_of(document: Document, view: int) -> str:
-    """Stem of a pose's files: ``PHOTO.MODEL``, or ``PHOTO`` for several objects; safe and short."""
-    names = [document.scene.views[view].photo.name]
+def stem_of(document: Document, view: int, of_sequence: bool = False) -> str:
+    """Stem of a pose's files: ``PHOTO.MODEL``, or ``PHOTO`` for several objects; safe and short.
+    That of a sequence has the folder of its frames in place of the photo.
+    """
+    file = document.scene.views[view].file
+    names = [file.location.absolute().parent.name if of_sequence else file.photo.name]
     names += [document.model.name] * (len(document.scene.objects) == 1)
     stems = (safe_path(name).stem.encode() for name in names)
     return ".".join(stem[:MAX_STEM_BYTES].decode(errors="ignore") for stem in stems)
