@@ -32,7 +32,7 @@ MATRIX_OPTIONS = (
     table.option("--opengl", "take matrices as OpenGL's, whose camera looks along -z, y up"),
     table.option("--inverse", "take matrices as those of the model from the camera"),
 )
-_READ = "read this format, one of those of --to (default: %(default)s)"
+_READ = "read this format, one of those of --to (default: %(default)s, or scene, by the file)"
 _WRITE = (
     f"write this format: {', '.join(_NAMES)}, or of a sequence {', '.join(_OF_SEQUENCES)} "
     "(default: %(default)s)"
@@ -136,9 +136,12 @@ def _write_masks(scene: Scene, out: Path, request: ConvertOptions) -> list[str]:
 
 def _request(options: Namespace) -> ConvertOptions:
     """Make the options of the conversion, without the object; refuse missing files."""
+    from poseviewer.files.file_set import is_scene_file
     from poseviewer.files.formats.conversion import require_file
     from poseviewer.files.photo import load_photo
 
+    if options.source_format == _NAMES[0] and is_scene_file(options.source):
+        options.source_format = SCENE
     if "matrix" not in (options.source_format, options.out_format):
         table.refuse(options, MATRIX_OPTIONS, "without --from matrix or --to matrix; leave it out")
     if options.photo is not None:

@@ -189,7 +189,7 @@ def test_photos_of_a_bop_scene_are_undistorted(scene, tmp_path):
 def test_a_video_shows_every_frame_with_its_overlay(scene, tmp_path, ending):
     out = tmp_path / f"o.{ending}"
     path = saved(scene, tmp_path)
-    assert run("convert", str(path), str(out), "--from", "scene", "--to", "video") == 0
+    assert run("convert", str(path), str(out), "--to", "video") == 0
     capture = cv2.VideoCapture(str(out), cv2.CAP_FFMPEG)
     assert round(capture.get(cv2.CAP_PROP_FPS)) == 30
     shown = []
