@@ -33,10 +33,12 @@ from poseviewer.files.video import save_video
 from poseviewer.files.writing import make_folder, write_whole, writing_to
 from poseviewer.geometry.lens import UPRIGHT
 from poseviewer.scene.frames import show_frame
-from poseviewer.scene.types import FramePose, Scene, View
+from poseviewer.scene.types import Scene, SearchResult, View
 
 SEQUENCE_FORMATS = {"poseviewer": "", "bop": "", "csv": ".csv", "gltf": ".glb", "video": ".mp4"}
 """Formats of sequences, and the endings of their files; "": a folder."""
+POSE = ("qx", "qy", "qz", "qw", "tx", "ty", "tz")
+"""Columns of a pose in tables."""
 ASSUMED_RATE = 30.0
 """Frames a second where no time stamps are known."""
 
@@ -88,8 +90,9 @@ def export_sequence(
     elif kind == "gltf":
         write_whole(out, _animation(scene, out, options, notes), PoseFileError)
     else:
-        times = _times(scene, notes)
-        rate = 1.0 / float(np.median(np.diff(times))) if len(times) > 1 else ASSUMED_RATE
+        steps = np.diff(_times(scene, notes))
+        step = float(np.median(steps)) if np.any(steps > 0.0) else 0.0
+        rate = 1.0 / step if step > 0.0 else ASSUMED_RATE
         save_video(out, (pictures.draw(shown) for _, shown in iterate_frames(scene)), rate)
     return [out], notes
 
@@ -113,30 +116,22 @@ def sequence_table(scene: Scene) -> str:
         frame = scene.frames[index]
         for number, item in enumerate(shown.objects):
             known, pose = frame.poses[item.id], shown.pose(number).camera_from_model
-            quaternion = Rotation.from_matrix(pose.rotation).as_quat(canonical=True).tolist()
-            place = zip(("qx", "qy", "qz", "qw"), quaternion, strict=True)
-            shift = zip(("tx", "ty", "tz"), pose.translation.tolist(), strict=True)
+            result = item.result or SearchResult()
+            sure = result.covariance.deviations if result.covariance else {}
+            turn = Rotation.from_matrix(pose.rotation).as_quat(canonical=True)
+            numbers = [*turn.tolist(), *pose.translation.tolist()]
             rows.append({
-                "frame": index, "file": frame.file.location.name, "time_s": frame.time_s,
+                "frame": index, "file": frame.file.name, "time_s": frame.time_s,
                 "object": item.id, "source": known.source, "stale": known.is_stale,
-                **_confidence(known), **dict(place), **dict(shift), **_deviations(known),
+                "verdict": result.verdict and result.verdict.label,
+                **dict(zip(POSE, numbers, strict=True)),
+                **{f"deviation_{key}": own for key, own in sure.items()},
             })  # fmt: skip
     text, names = StringIO(), dict.fromkeys(name for row in rows for name in row)
     table = csv.DictWriter(text, names, lineterminator="\n")
     table.writeheader()
     table.writerows(rows)
     return text.getvalue()
-
-
-def _confidence(known: FramePose) -> dict[str, Any]:
-    verdict = known.result.verdict if known.result else None
-    probability = verdict and round(verdict.probability, 4)
-    return {"verdict": verdict.label if verdict else None, "probability": probability}
-
-
-def _deviations(known: FramePose) -> dict[str, float]:
-    sure = known.result.covariance if known.result else None
-    return {f"deviation_{name}": own for name, own in (sure.deviations if sure else {}).items()}
 
 
 def _write_poses(scene: Scene, out: Path) -> list[Path]:
