@@ -7,6 +7,7 @@ out: frame numbers are exact in few formats.
 import hashlib
 import os
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -15,7 +16,7 @@ import numpy as np
 from msgspec import Meta, Struct, structs
 from numpy.typing import NDArray
 
-from poseviewer.errors import PhotoFileError
+from poseviewer.errors import PhotoFileError, PoseViewerError
 from poseviewer.files.checks import MAX_DATA_BYTES, InputFile, Number, is_there, quiet_libraries
 from poseviewer.files.state.folder import state_folder
 from poseviewer.files.writing import make_folder, write_json, writing_to
@@ -79,8 +80,8 @@ def extract_frames(
         status, folder = video.stat(), folder or _folder_of(video)
         new = VideoRecord(video=video.name, bytes=status.st_size, modified_ns=status.st_mtime_ns)
         known = load_record(folder)
-        if known is None and any(folder.glob("*.jpg")):
-            found = f"its frames belong into {folder}, which holds other images"
+        if known is None and (any(folder.glob("*.jpg")) or (folder / RECORD).exists()):
+            found = f"its frames belong into {folder}, which holds other files"
             raise file.error(found, "name an empty folder")
         if known is None or structs.replace(known, every=(), times_s={}, notes=()) != new:
             for name in () if known is None else known.times_s:  # of the video as it was
@@ -135,7 +136,9 @@ def save_video(path: Path, pictures: Iterable[NDArray[np.uint8]], rate: float) -
 def load_record(folder: Path) -> VideoRecord | None:
     """Load what a folder of a video's frames says of them; None: it is not one."""
     file = InputFile(folder / RECORD, kind="list of frames", largest=MAX_DATA_BYTES)
-    return file.decode(file.load_object(), VideoRecord) if is_there(file.path) else None
+    with suppress(PoseViewerError):
+        return file.decode(file.load_object(), VideoRecord)
+    return None
 
 
 def _read(
