@@ -159,8 +159,7 @@ def _source(options: Namespace, request: ConvertOptions) -> tuple[Scene, Convert
     """Read the source, and choose the objects."""
     scene = _read(options, request) if options.source_format == SCENE else None
     if scene is not None and options.object:
-        ids = [item.id for item in scene.objects]
-        if options.object in ids or len(ids) > 1:
+        if len(scene.objects) > 1 or not options.object.isdecimal():
             chosen = scene.objects[scene.index(options.object)]
             return replace(scene, objects=(chosen,)), request
     if options.object:

@@ -157,6 +157,12 @@ def test_a_bop_scene_is_whole(scene, tmp_path, capsys):
         images[1].objects[0].camera_from_model.rotation, moves(scene, 1).rotation
     )
     assert images[3].photo == "rgb/000004.png"
+    data["objects"] = data["objects"][:1]
+    for frame in data["frames"]:
+        frame["poses"].pop("2", None)
+    path.write_text(json.dumps(data))
+    assert run("convert", str(path), f"{out}5", "--to", "bop", "--object", "5") == 0
+    assert load_bop_images(Path(f"{out}5"), posed=True)[0].objects[0].object_id == 5
     photo = load_photo(out / images[3].photo)
     assert photo.sha256 == load_photo(scene.frames[4].file.path).sha256
     infos = json.loads((out / "scene_gt_info.json").read_text())
