@@ -307,7 +307,7 @@ def make_assumed(folder: Path) -> None:
         press(tab, "Fit to box")
         tab.drag(*REGION, PHOTO)
         tab.wait_for_text("proposal 1 of")
-        press(tab, "Search (space)")
+        tab.page.keyboard.press("Space")
         tab.wait_for_text("Verdict:")
         save_page(DOCS / "assumed.jpg", tab)
 
