@@ -300,10 +300,14 @@ def make_marking(folder: Path) -> None:
 
 
 def make_assumed(folder: Path) -> None:
-    """A car found by an assumed focal length, and the offer to find that, too."""
+    """A car found in a box by an assumed focal length, and the offer to find that, too."""
     photo = folder / "photo.jpg"
     Image.open(DEMO.photo).save(photo, quality=95)  # without EXIF
     with open_app(folder, photo, DEMO.model, size=SMALL, first=NOT_PLACED) as tab:
+        press(tab, "Fit to box")
+        tab.drag(*REGION, PHOTO)
+        tab.wait_for_text("proposal 1 of")
+        tab.page.keyboard.press("Space")
         tab.wait_for_text("Verdict:")
         save_page(DOCS / "assumed.jpg", tab)
 
