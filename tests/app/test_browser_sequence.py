@@ -105,7 +105,7 @@ def test_a_sequence_is_labelled_from_one_key(page: AppPage, browser: Browser, tm
     page.until(lambda: said(page).startswith("frame 1 "))
     # A table of all frames is downloaded.
     page.open_step(5)
-    page.page.get_by_role("textbox", name="Format").click()
+    page.page.get_by_label("Format", exact=True).first.click()
     page.page.get_by_role("option", name="all frames: csv").click()
     with page.page.expect_download() as download:
         page.page.get_by_role("button", name="Export as").click()
