@@ -291,7 +291,8 @@ class PosedScene:
         Raises:
             PoseViewerError: the folder is missing or cannot be written to.
         """
-        if self.object_index is not None and len(self.views) == 1:
+        is_single = len(self.views) == 1 and not self.scene.frames
+        if self.object_index is not None and is_single:
             save_pose_and_mask(path, self.record, self.scene.mask(self._index))
         else:
             save_scene(path, as_saved(self._with_loss))

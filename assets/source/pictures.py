@@ -19,6 +19,7 @@ from PIL import Image
 
 from poseviewer import load
 from poseviewer.cli.main import main as command_line
+from poseviewer.evaluation.cases import Case
 from poseviewer.files.demo import demo_case
 from poseviewer.files.marks import PointPairs
 from poseviewer.files.photo import load_photo
@@ -32,6 +33,7 @@ from poseviewer.starts.point_pairs import start_from_pairs
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage, open_browser
 from tests.lenses import as_taken, write_camera
+from tests.measure.jobs import Hand, mark_wheels, save_demo_without_wheels
 from tests.several import make_three
 from tests.view_sets import BOX, BOX_TRUTH, CAMERA, MESH, TRUTH, write_two, write_views
 
@@ -116,8 +118,10 @@ def open_app(
         yield tab
 
 
-def save_page(path: Path, tab: AppPage, settled: bool = True) -> None:
-    """Write what the page shows, once it has not changed for a while."""
+def save_page(
+    path: Path, tab: AppPage, settled: bool = True, columns: tuple[int, int] | None = None
+) -> None:
+    """Write what the page shows, or its columns of px, once it has not changed for a while."""
     before, still = "", 0
     for _ in range(MAX_SECONDS if settled else 0):
         tab.page.wait_for_timeout(1000)
@@ -128,7 +132,9 @@ def save_page(path: Path, tab: AppPage, settled: bool = True) -> None:
             break
     if settled:
         tab.settled_picture()
-    save(path, Image.open(BytesIO(tab.page.screenshot())).convert("RGB"))
+    picture = Image.open(BytesIO(tab.page.screenshot())).convert("RGB")
+    left, right = columns or (0, picture.width)
+    save(path, picture.crop((left, 0, right, picture.height)))
 
 
 def press(tab: AppPage, button: str) -> None:
@@ -281,6 +287,27 @@ def make_wheels(folder: Path) -> None:
         save_page(DOCS / "quick_start_wheels.jpg", tab)
 
 
+def make_marking(folder: Path) -> None:
+    """The first of two wheels that are marked on the picture of a car without named wheels."""
+    keypoints, truth = load_model(DEMO.model).keypoints, load_pose(DEMO.truth, *PHOTO).pose
+    assert keypoints is not None
+    case = Case("car", "", DEMO.photo, save_demo_without_wheels(folder / "car.glb"), truth)
+    with open_app(folder, case.photo, case.mesh, size=SMALL, first=NOT_PLACED) as tab:
+        mark_wheels(Hand(tab, [case], folder), keypoints, 1)
+        tab.wait_for_text("middle of the front wheel")
+        tab.settled_picture()
+        save_page(DOCS / "marking.jpg", tab, settled=False, columns=(300, SMALL[0]))
+
+
+def make_assumed(folder: Path) -> None:
+    """A car found by an assumed focal length, and the offer to find that, too."""
+    photo = folder / "photo.jpg"
+    Image.open(DEMO.photo).save(photo, quality=95)  # without EXIF
+    with open_app(folder, photo, DEMO.model, size=SMALL, first=NOT_PLACED) as tab:
+        tab.wait_for_text("Verdict:")
+        save_page(DOCS / "assumed.jpg", tab)
+
+
 def make_box(folder: Path) -> None:
     """The first proposal in a rectangle about the demo's car."""
     with open_app(folder, DEMO.photo, DEMO.model, first=NOT_PLACED) as tab:
@@ -366,7 +393,8 @@ def make_two(folder: Path) -> None:
 
 MAKERS = (
     make_search, make_demo, make_app, make_first, make_lens, make_export, make_pairs, make_report,
-    make_wheels, make_box, make_methods, make_hide, make_objects, make_two,
+    make_wheels, make_marking, make_assumed, make_box, make_methods, make_hide, make_objects,
+    make_two,
 )  # fmt: skip
 PICTURES: dict[str, Callable[[Path], None]] = {
     **{make.__name__.removeprefix("make_"): make for make in MAKERS},

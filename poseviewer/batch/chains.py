@@ -64,7 +64,9 @@ def open_chains(scene: Scene, folder: str | Path) -> Batch:
         require_replaceable(folder / name, BatchError)
     save_scene(folder / SEQUENCE, as_saved(scene))
     for row, (first, end) in enumerate(chains, 1):
-        part = show_frame(replace(scene, frames=scene.frames[first : end + 1]), 0)
+        part = replace(scene, frames=scene.frames[first : end + 1])
+        keyed = (index for index, frame in enumerate(part.frames) if frame.poses)
+        part = show_frame(part, next(keyed, 0))
         start = f"{CHAINS}/{first:06d}-{end:06d}.json"
         contents = scene_contents(folder / start, as_saved(part))
         save_scene(folder / start, as_saved(part))
@@ -96,7 +98,7 @@ def run_chain(job: Job, plan: Batch, threads: int = 1) -> JobResult:
         chain = make_registration(open_scene_files(job.path(job.start)))
         end = chain.track(watch=watch, threads=threads)
         save_scene(plan.folder / pose_name, as_saved(end.scene))
-        picture = shrink_picture(replace(end, scene=show_frame(end.scene, 0)).picture())
+        picture = shrink_picture(end.picture())
         save_image(plan.folder / picture_name, picture)
     except PoseViewerError as error:
         return save_failure(plan.folder, job, str(error))

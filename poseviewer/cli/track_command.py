@@ -10,22 +10,35 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from poseviewer.cli import options as table
+from poseviewer.cli.case import calibration_of, load_named_sequence
 from poseviewer.cli.terminal import progress_bar, say, tell, tell_of_compiling
-from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE
+from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE, SettingsError
 
 if TYPE_CHECKING:
     from poseviewer.scene.types import Scene
 
+KEY = table.option("--key N", "take --pose as that of the Nth frame (default: 1)")
 OPTIONS = {
     "": (
-        table.option("photo SCENE.json", "sequence with keys"),
+        table.option(
+            "photo VIDEO|FOLDER|SCENE.json",
+            "video, folder of frames, or a saved sequence with keys, without MODEL",
+        ),
+        table.MODEL,
         table.option("--out FOLDER", "write scene and table here", required=True),
+        table.POSE,
+        KEY,
+        *table.SEQUENCE,
         table.option("--processes N", "run this number of processes (default: one a processor)"),
         table.SCHEDULER,
         table.QUIET,
     ),
+    **table.CAMERA,
 }
-EXAMPLES = ("poseviewer track scene.json --out results",)
+EXAMPLES = (
+    "poseviewer track clip.mp4 car.glb --pose key.json --out results",
+    "poseviewer track scene.json --out results",
+)
 
 
 def run(options: Namespace) -> int:
@@ -65,6 +78,26 @@ def run(options: Namespace) -> int:
 
 
 def _open(options: Namespace) -> Scene:
-    from poseviewer.starts.loading import open_scene_files
+    """Open the sequence, with its keys."""
+    from poseviewer.files.image_sequence import images_in
+    from poseviewer.scene.frames import remove_key, show_frame, store_key
+    from poseviewer.starts.loading import open_scene_files, open_sequence
 
-    return open_scene_files(options.photo)
+    path = options.photo
+    if options.model is None:
+        of_frames = (table.POSE, KEY, *table.SEQUENCE, table.CALIBRATION, *table.OF_CALIBRATION)
+        table.refuse(
+            options, of_frames, f"without MODEL; leave it out, or name {path.name}'s model"
+        )
+        return open_scene_files(path)
+    if options.pose is None:
+        raise SettingsError("a key is wanted: give --pose, the pose in the first frame")
+    sequence = load_named_sequence(options, images_in(path) if path.is_dir() else [path])
+    calibration = calibration_of(options)
+    scene = open_sequence(sequence, options.model, options.pose, calibration=calibration)
+    key = (options.key or 1) - 1
+    if key >= len(scene.frames):
+        found = f"--key {key + 1}: {path.name} has {len(scene.frames)} frames"
+        raise SettingsError(f"{found}; name one of them.")
+    # An object without a pose in a frame stays where it is.
+    return store_key(show_frame(remove_key(scene, 0), key), 0)

@@ -1,6 +1,7 @@
 """An audit of given poses: one that is shifted by hand is listed first, exact ones are not."""
 
 import json
+import math
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +13,7 @@ import pytest
 from poseviewer.app.page.rows import row_text, rows_list
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.batch import review
-from poseviewer.batch.audit import MIN_MOVED_DEVIATIONS, MIN_MOVED_PERCENT, find_finding
+from poseviewer.batch.audit import MIN_MOVED_DEVIATIONS, find_finding
 from poseviewer.batch.job_table import Job
 from poseviewer.batch.result_folder import ACCEPTED, REJECTED, JobResult, Row, worst_first
 from poseviewer.batch.run import open_batch, run_batch, save_summaries
@@ -31,7 +32,6 @@ from tests.several import make_three, write_bop_scene
 SHIFT = np.array([0.12, 0.08, 0.0])
 """Of a given pose, in the model's unit: 6 px of an object of 85 px."""
 QUICK = FitSettings(limits=Limits(40, 600.0))
-FAR = 2.0 * MIN_MOVED_PERCENT
 SURE = 2.0 * MIN_MOVED_DEVIATIONS
 
 
@@ -83,7 +83,9 @@ def test_a_shifted_pose_alone_is_listed_first(audited: Path) -> None:
 
 def test_the_picture_has_photo_given_and_found_outline(audited: Path) -> None:
     result = review.load_queue(audited / "audit").rows[0].result
-    photo, given, found = np.split(cv2.imread(str(audited / "audit" / result.picture)), 3, axis=1)
+    photo, given, found = np.split(
+        np.asarray(cv2.imread(str(audited / "audit" / result.picture))), 3, axis=1
+    )
     cyan = [np.argwhere(one[..., 0].astype(int) - one[..., 2] > 120) for one in (given, found)]
     assert not (photo[..., 0].astype(int) - photo[..., 2] > 120).any()
     magnified = 6.0 * photo.shape[1] / 120.0  # at least: the picture shows a part of the photo
@@ -212,20 +214,19 @@ def test_what_cannot_be_audited_is_said(scene: Scene, audited: Path, tmp_path: P
 
 
 @pytest.mark.parametrize(
-    ("found", "given", "percent", "deviations", "finding"),
+    ("labels", "deviations", "unexplained", "finding"),
     [
-        ("found", "found", FAR, SURE, "moved"),
-        ("found", "lost", FAR, SURE, "moved"),
-        ("found", "found", 0.5 * FAR, SURE, ""),
-        ("found", "found", FAR, 0.5 * SURE, ""),
-        ("found", "found", FAR, None, ""),
-        ("doubtful", "lost", FAR, SURE, ""),
-        ("lost", "found", FAR, None, ""),
-        ("lost", "lost", 0.0, None, "unexplained"),
+        (("found", "found"), SURE, 0.2, "moved"),
+        (("lost", "found"), SURE, 0.9, "moved"),
+        (("found", "found"), 0.25 * SURE, 0.2, ""),
+        (("lost", "doubtful"), SURE, 0.9, ""),
+        (("found", "lost"), math.nan, 0.9, ""),
+        (("lost", "lost"), math.nan, 0.9, "unexplained"),
+        (("lost", "lost"), math.nan, 0.5, ""),
     ],
 )
-def test_findings(found: str, given: str, percent: float, deviations, finding: str) -> None:
-    assert find_finding(found, given, percent, deviations) == finding
+def test_findings(labels, deviations: float, unexplained: float, finding: str) -> None:
+    assert find_finding(labels, deviations, unexplained) == finding
 
 
 def test_findings_come_before_what_is_likely_wrong() -> None:

@@ -294,16 +294,15 @@ def add_fitting(controls: Controls) -> None:
     _add_search(controls)
     several = {"visible": lambda s: len(s.document.scene.objects) > 1 and not s.is_searching}
     controls.action("search all", **several)
-    controls.action("keep", visible=_has_ended, color=None, icon="check")
-    controls.action("revert", visible=_has_ended, icon="x")
+    controls.actions("Result", "keep", "revert", visible=_has_ended)
     _add_hiding(controls)
-    _add_curve(controls)
     controls.action("compare", icon="arrows-diff", disabled=lambda s: s.is_searching)
     controls.text(memoize(lambda s: (s.comparison,), lambda s: ends_table(s.comparison)))
     takes = {name.capitalize(): take_end(index) for index, name in enumerate(LOSSES)}
     controls.choices("Take", takes, visible=lambda s: s.comparison is not None)
     with controls.gui.add_folder("Settings", expand_by_default=False):
         _add_settings(controls)
+    _add_curve(controls)  # last, as it is the highest: all that can be pressed is in sight
 
 
 def _add_curve(controls: Controls) -> None:
@@ -322,7 +321,7 @@ def _add_curve(controls: Controls) -> None:
         axes=({**axis, "size": 30}, {**axis, "size": 54}),  # pyright: ignore
         legend=uplot.Legend(show=False),
         title="best loss so far (vertical lines: restarts)",
-        height=150,
+        height=120,
         padding=(10, 26, 0, 0),
     )
 

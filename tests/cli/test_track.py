@@ -1,0 +1,126 @@
+"""``poseviewer track``: chains of a sequence as rows, whose results make the whole again."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from poseviewer.api import load
+from poseviewer.errors import SettingsError
+from poseviewer.files.pose import PoseRecord, save_pose
+from poseviewer.files.scene_json import load_scene
+from tests.commands import read_rows, refusal, run
+from tests.ctrl_c import ctrl_c_ends_them
+from tests.moving import ball, off, sequence, write_sequence
+
+
+@pytest.fixture
+def here(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Chains are run in this process, and their frames are noted."""
+    begun = list[str]()
+
+    def run_here(function, jobs, _):
+        for job in jobs:
+            begun.append(job.box)
+            yield job, function(job)
+
+    monkeypatch.setattr("poseviewer.batch.run.run_in_processes", run_here)
+    return begun
+
+
+def results(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in (folder / "rows").glob("*.json")}
+
+
+def test_chains_are_joined_and_done_once(tmp_path, here, capsys):
+    keys = {index: [ball(index)] for index in (1, 3)}
+    path, out = write_sequence(tmp_path, sequence(keys, count=4)), tmp_path / "out"
+    assert run("track", path, "--out", out, "--quiet") == 0
+    assert "4 of 4 frames have poses" in capsys.readouterr().out
+    scene = load_scene(out / "scene.json")
+    sources = [frame.poses["a"].source for frame in scene.frames]
+    assert sources == ["propagated", "key", "propagated", "key"]
+    assert all(off(scene, index, ball(index)) < 1.0 for index in range(4))
+    assert [row["status"] for row in read_rows(out / "results.csv")] == [
+        "1 of 2 frames have propagated poses.", "1 of 3 frames have propagated poses.",
+    ]  # fmt: skip
+    assert here == ["0,1", "1,3"]
+    before = results(out)
+    # The poses so far are kept, and a chain is begun again where its keys have changed.
+    assert run("track", out / "scene.json", "--out", out) == 0
+    assert "2 of 2 chains were done before" in capsys.readouterr().err
+    assert results(out) == before
+    (tmp_path / "mended").mkdir()
+    mended = write_sequence(tmp_path / "mended", sequence({1: [ball(1)], 3: [ball(3.02)]}, count=4))
+    assert run("track", mended, "--out", out, "--quiet") == 0
+    assert here == ["0,1", "1,3", "0,1", "1,3"]  # the photos are others
+
+
+def test_folder_of_frames_goes_out_from_any_frame(tmp_path, here, capsys):
+    scene = sequence({0: [ball(0)]}, count=3)
+    write_sequence(tmp_path, scene)
+    save_pose(tmp_path / "key.json", PoseRecord.of(ball(1).pose))
+    line = "track", tmp_path / "frames", tmp_path / "a.ply", "--out", tmp_path / "out", "--quiet"
+    assert "--pose" in refusal(capsys, *line)
+    line = *line, "--pose", tmp_path / "key.json"
+    assert "3 frames" in refusal(capsys, *line, "--key", 4)
+    assert run(*line, "--key", 2) == 0
+    tracked = load_scene(tmp_path / "out" / "scene.json")
+    (name,) = (item.id for item in tracked.objects)
+    sources = [frame.poses[name].source for frame in tracked.frames]
+    assert sources == ["propagated", "key", "propagated"]
+    assert all(off(tracked, index, ball(index), name) < 1.0 for index in range(3))
+    assert here == ["0,1", "1,2"]
+
+
+def test_api_tracks_a_range(tmp_path):
+    path = write_sequence(tmp_path, sequence({0: [ball(0)]}, count=4))
+    seen = []
+    tracked = load(path).track(0, 2, watch=lambda _, step: seen.append(step.frame_index))
+    assert seen == [1, 2]
+    assert [bool(frame.poses) for frame in tracked.scene.frames] == [True, True, True, False]
+    tracked.save(tmp_path / "tracked.json")
+    assert off(load_scene(tmp_path / "tracked.json"), 2, ball(2)) < 1.0
+
+
+def test_sequence_without_keys_is_refused(tmp_path, capsys):
+    scene = sequence({0: [ball(0)]}, count=2)
+    frames = tuple(replace(frame, poses={}) for frame in scene.frames)
+    path = write_sequence(tmp_path, replace(scene, frames=frames))
+    assert "no pose is a key" in refusal(capsys, "track", path, "--out", tmp_path / "out")
+    with pytest.raises(SettingsError, match="no pose is a key"):
+        load(path).track()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT for one process there")
+def test_stopped_command_goes_on_where_it_was(tmp_path):
+    keys = {index: [ball(index)] for index in (0, 4, 8)}
+    path, out = write_sequence(tmp_path, sequence(keys, count=9)), tmp_path / "out"
+    words = ["track", path, "--out", out, "--processes", 1, "--quiet"]
+    line = [sys.executable, "-m", "poseviewer.cli.main", *map(str, words)]
+    with ctrl_c_ends_them():
+        process = subprocess.Popen(
+            line, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
+        )
+    with process:
+        end = time.monotonic() + 240.0
+        while not (out / "rows").exists() or not results(out):
+            assert time.monotonic() < end
+            time.sleep(0.02)
+        os.killpg(process.pid, signal.SIGINT)
+        printed, complaints = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "stopped, run it again to go on" in printed
+    assert complaints == ""
+    before = results(out)
+    assert len(before) == 1
+    assert all(frame.poses for frame in load_scene(out / "scene.json").frames[:5])
+    assert run(*words) == 0
+    assert before.items() <= results(out).items()
+    assert all(frame.poses for frame in load_scene(out / "scene.json").frames)
