@@ -163,6 +163,7 @@ def test_a_bop_scene_is_whole(scene, tmp_path, capsys):
     assert sorted(infos) == ["0", "1", "2", "4"]
     assert infos["4"][0]["visib_fract"] < infos["1"][0]["visib_fract"] == 1.0
     assert (out / "mask_visib" / "000004_000001.png").is_file()
+    capsys.readouterr()
     assert "is there already and was not touched" in refusal(
         capsys, f"convert {path} {out} --from scene --to bop"
     )
