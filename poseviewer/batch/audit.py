@@ -18,14 +18,7 @@ import numpy as np
 from poseviewer.api import FitResult
 from poseviewer.batch.bop_rows import STARTS, save_start
 from poseviewer.batch.job_table import COLUMNS, Job, with_keys
-from poseviewer.batch.result_folder import (
-    MOVED,
-    REJECTED,
-    UNEXPLAINED,
-    Batch,
-    Row,
-    load_batch,
-)
+from poseviewer.batch.result_folder import MOVED, REJECTED, UNEXPLAINED, Batch, Row, load_batch
 from poseviewer.confidence.pose_covariance import PINV, PoseCovariance
 from poseviewer.errors import BatchError
 from poseviewer.files.pose import load_pose

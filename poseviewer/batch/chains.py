@@ -29,7 +29,7 @@ from poseviewer.errors import BatchError, PoseViewerError, SettingsError
 from poseviewer.files.photo import save_image
 from poseviewer.files.scene_json import as_saved, load_scene, save_scene, scene_contents
 from poseviewer.files.writing import make_folder, require_replaceable
-from poseviewer.fit.propagation import FrameStep, split_at_keys
+from poseviewer.fit.propagation import FrameStep, find_chains
 from poseviewer.scene.frames import remove_propagated, show_frame
 from poseviewer.scene.types import Scene
 from poseviewer.starts.loading import open_scene_files
@@ -52,7 +52,7 @@ def open_chains(scene: Scene, folder: str | Path) -> Batch:
     """
     folder, jobs = Path(folder).resolve(), []
     last = len(scene.frames) - 1
-    chains = split_at_keys(scene, 0, last, range(len(scene.objects))) if scene.frames else []
+    chains = find_chains(scene, 0, last, range(len(scene.objects))) if scene.frames else []
     if not chains:
         found = f"{scene.name or 'the scene'}: {len(scene.frames)} frames, and no pose is a key"
         raise SettingsError(f"{found}; place the model in a frame of a sequence.")

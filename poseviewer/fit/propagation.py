@@ -14,11 +14,12 @@ from functools import partial
 from itertools import pairwise
 from typing import Any
 
+import cv2
 import numpy as np
 from msgspec import structs
 
 from poseviewer.confidence.pose_covariance import PoseCovariance, region_reach
-from poseviewer.confidence.verdict import Features
+from poseviewer.confidence.verdict import MIN_VISIBLE_FRACTION, Features
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.covariance import SPREAD, VISIBLE_POWER
 from poseviewer.fit.judge import judge_end
@@ -50,14 +51,17 @@ SMOOTHING = 0.5
 """Weight of the last step in the velocity: one step alone has the errors of two poses."""
 JUMP_DEVIATIONS = 5.0
 """Root mean square distance from the predicted pose from which a pose is not found."""
-PRIOR_WEIGHT = 0.002
-"""Loss at one deviation of the prior: little, as the velocity lags behind where it changes."""
+PRIOR_WEIGHT = 0.001
+"""Loss at one deviation of the prior where the model is visible wholly: little, as the velocity
+lags behind where it changes."""
 WIDE = CmaOptions(sigma=0.6, population=16, generations=16, prior_weight=0.0, min_sigma=0.1)
 """CMA-ES on the coarsest level at unknown velocity, in deviations of the prior."""
 COARSE = QuadraticOptions(sampling_radius=2.0, contour_level=0.6, rounds=2)
 """Quadratic models on the coarsest level, in deviations of the prior."""
 FINE = QuadraticOptions(sampling_radius=1.0, contour_level=0.3, rounds=3, growth=2.0)
 """Quadratic models on the photo, about the coarse minimum."""
+OCCLUDER_MARGIN = np.ones((9, 9), np.uint8)
+"""Dilation of what stands in front: its log odds are smoothed over as many px."""
 PROBE_EVERY = 6
 """Frames from one full verdict to the next, if the pose stays as good as it was there."""
 DOUBT = 0.1
@@ -102,13 +106,13 @@ def propagate(
     """
     chosen = range(len(scene.objects)) if object_indices is None else object_indices
     chosen = [index for index in chosen if not scene.objects[index].locked]
-    for ends in split_at_keys(scene, first, last, chosen):
+    for ends in find_chains(scene, first, last, chosen):
         chain = _Chain(scene, renderers, chosen, threads, ends)
         yield from chain.sweep(range(ends[0], ends[1] + 1))
         yield from chain.sweep(range(ends[1], ends[0] - 1, -1))
 
 
-def split_at_keys(
+def find_chains(
     scene: Scene, first: int, last: int, object_indices: Sequence[int]
 ) -> list[tuple[int, int]]:
     """Return the first and last frame of each chain; chains meet where all objects have keys.
@@ -205,8 +209,9 @@ class _Chain:
         threads: int,
         ends: tuple[int, int],
     ) -> None:
-        self._scene, self._renderers, self._threads = scene, renderers, threads
-        self._chosen, self._ends = chosen, ends
+        self._scene, self._ends = scene, ends
+        self._renderers, self._threads = renderers, threads
+        self._chosen = chosen
         self._tracks: dict[int, _Track] = {}
         self._forwards: dict[tuple[int, int], FramePose] = {}
         """Poses of the way forwards, by object and frame."""
@@ -256,7 +261,7 @@ class _Chain:
                 name = self._scene.frames[frame_index].file.name
                 notes.append(f"{item.label} is lost in {name}: {verdict.share_right}.")
                 continue
-            track = _probed_by(track, end)
+            track = _keep_features(track, end)
             track = replace(track, doubtful=doubtful)
             self._tracks[index] = track.follow(end.pose, time)
             # Masks of all frames would fill the memory.
@@ -285,6 +290,8 @@ class _Chain:
         if problem.is_structured and settings.in_front == "find":
             view = problem.views[0]
             mask = find_occluded(view.photo, renderer, prior.pose)
+            if mask is not None:  # found to a few px: what is left of an occluder draws the model
+                mask = np.asarray(cv2.dilate(mask.astype(np.uint8), OCCLUDER_MARGIN), bool)
             problem = replace(problem, views=(view.without(mask),))
         end, covariance = _search_near(
             problem, renderer, prior, self._threads, track.velocity is None
@@ -312,26 +319,26 @@ class _Chain:
         keys = neighbouring_keys(self._scene, item.id, frame_index)
         before, after = max(keys[0], self._ends[0]), min(keys[1], self._ends[1])
         share = (frame_index - before) / (after - before)
-        known = [way.result.covariance if way.result else None for way in (ahead, back)]
         nearer = ahead if share < 0.5 else back
-        if known[0] is None or known[1] is None:
+        one, other = (way.result and way.result.covariance for way in (ahead, back))
+        if nearer.result is None or one is None or other is None:
             return nearer, ""
-        equal = item.symmetry.nearest_pose(known[1].pose, known[0].pose)
-        deviation = known[0].deviation(equal)
-        spread = known[0].matrix + known[1].matrix
+        equal = item.symmetry.nearest_pose(other.pose, one.pose)
+        deviation = one.deviation(equal)
+        spread = one.matrix + other.matrix
         apart = float(deviation @ np.linalg.lstsq(spread, deviation, rcond=None)[0]) ** 0.5
-        percent = pose_error(item.mesh, equal, known[0].pose).percent
+        percent = pose_error(item.mesh, equal, one.pose).percent
         if apart > region_reach(len(deviation)) and percent > JUMP_PERCENT:
             note = f"{item.label}: both ways end {percent:.1f} % of its size apart here."
             return nearer, note
-        pose = known[0].pose_at(share * deviation)
+        pose = one.pose_at(share * deviation)
         place = view.world_from_model(pose, ahead.world_from_model.scale)
-        result = max(ahead.result, back.result, key=lambda own: own.verdict.probability)
-        result = replace(result, covariance=replace(result.covariance, pose=pose), chart=None)
+        own = one if nearer is ahead else other
+        result = replace(nearer.result, covariance=replace(own, pose=pose), chart=None)
         return replace(nearer, world_from_model=place, result=result), ""
 
 
-def _probed_by(track: _Track, end: FitProgress) -> _Track:
+def _keep_features(track: _Track, end: FitProgress) -> _Track:
     """Keep the features of a found pose with a full verdict."""
     assert end.verdict is not None
     if end.verdict.label != "found":
@@ -358,12 +365,15 @@ def _search_near(
     problem: FitProblem, renderer: Renderer, prior: PoseCovariance, threads: int, is_wide: bool
 ) -> tuple[FitProgress, PoseCovariance | None]:
     """Search about a predicted pose; return the end, and the covariance of its pose."""
-    photo, chart, free = problem.photo, problem.chart, problem.free_indices
+    photo, chart = problem.photo, problem.chart
+    free = problem.free_indices
     unit = 1.0 if problem.is_structured else PAPER_LOSS_PER_LOSS
     if photo.clipped:
         problem = with_min_coverage(problem, renderer)
     variances, directions = np.linalg.eigh(prior.in_chart(chart)[np.ix_(free, free)])
     start = best = problem.start[free]
+    visible = max(visible_fraction(photo, renderer, prior.pose), MIN_VISIBLE_FRACTION)
+    weight = unit * PRIOR_WEIGHT / visible ** (2.0 * VISIBLE_POWER)
     scale = axes = directions * np.sqrt(variances)
     whitening = np.linalg.inv(scale)
     evaluations, value = 0, np.inf
@@ -377,7 +387,7 @@ def _search_near(
             evaluations += 1
             off = whitening @ (point - start)
             own_loss = pose_loss(on_level, own, problem.complete(point))
-            return own_loss + unit * PRIOR_WEIGHT * float(off @ off)
+            return own_loss + weight * float(off @ off)
 
         if isinstance(options, QuadraticOptions):
             gain, contour = unit * options.min_gain, unit * options.contour_level
@@ -402,8 +412,8 @@ def _search_near(
     )
     if not problem.is_structured:
         return end, None
-    seen = visible_fraction(photo, renderer, pose)
-    factor = SPREAD / (end.unexplained * max(seen, 0.1) ** VISIBLE_POWER)
+    visible = max(visible_fraction(photo, renderer, pose), MIN_VISIBLE_FRACTION)
+    factor = SPREAD / (end.unexplained * visible**VISIBLE_POWER)
     whole = np.zeros((len(parameters),) * 2)
     whole[np.ix_(free, free)] = factor**2 * axes @ axes.T / (2.0 * FINE.contour_level)
     return end, PoseCovariance.from_chart(problem.mesh, pose, chart, whole)

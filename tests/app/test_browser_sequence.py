@@ -103,6 +103,14 @@ def test_a_sequence_is_labelled_from_one_key(page: AppPage, browser: Browser, tm
     page.until(lambda: page.page.locator(".pv-motion").count() == 2)
     page.page.locator(".pv-motion svg").first.click(position={"x": 2, "y": 20})
     page.until(lambda: said(page).startswith("frame 1 "))
+    # A table of all frames is downloaded.
+    page.open_step(5)
+    page.page.get_by_label("Format", exact=True).first.click()
+    page.page.get_by_role("option", name="all frames: csv").click()
+    with page.page.expect_download() as download:
+        page.page.get_by_role("button", name="Export as").click()
+    table = Path(download.value.path()).read_text().splitlines()
+    assert len(table) == 1 + COUNT
     saved = page.saved(tmp_path / SAVED)
     assert [sorted(f["poses"]) for f in saved["frames"]] == [["1"]] * COUNT
     # Another app opens what was saved.

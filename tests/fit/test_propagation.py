@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import PhotoFileError
-from poseviewer.fit.propagation import FrameStep, propagate, split_at_keys
+from poseviewer.fit.propagation import FrameStep, find_chains, propagate
 from poseviewer.geometry.image import Photo
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.scene.frames import store_poses
@@ -140,7 +140,7 @@ def test_locked_object_stays():
 )
 def test_chains_meet_at_keys(first, last, wanted):
     scene = sequence({2: [ball(2)]})
-    assert split_at_keys(scene, first, last, [0]) == wanted
+    assert find_chains(scene, first, last, [0]) == wanted
 
 
 def test_nothing_to_propagate_without_keys():

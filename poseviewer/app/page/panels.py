@@ -43,7 +43,7 @@ from poseviewer.app.state.pose_edits import pose_numbers, set_number, set_parame
 from poseviewer.app.state.proposal_edits import propose_starts
 from poseviewer.app.state.search_edits import alter_settings, find_focal_length, set_loss, take_end
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.exporting import CONVERTED
+from poseviewer.app.workers.exporting import CONVERTED, OF_FRAMES
 from poseviewer.app.workers.tasks import Request, download, find_wheels_in_region
 from poseviewer.files.camera_trees import TREES
 from poseviewer.files.formats.conversion import METRES
@@ -431,6 +431,8 @@ def add_saving(controls: Controls) -> None:
     controls.download("Download pose", "pose")
     controls.download("Download overlay", "overlay", icon="photo-down")
     kind = controls.gui.add_dropdown("Format", tuple(CONVERTED))
+    of_frames = lambda s: (*(OF_FRAMES if s.document.scene.frames else ()), *CONVERTED)  # noqa: E731
+    controls.add(kind, options=of_frames)
     unit = controls.gui.add_dropdown("Model's unit", ("as it says", *METRES))
     controls.button(
         "Export as ...", lambda _, to: download(kind.value, to, unit.value), icon="share"

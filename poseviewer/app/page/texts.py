@@ -16,9 +16,10 @@ from poseviewer.app.state.session import Session
 from poseviewer.app.workers.opening import has_demo_model
 from poseviewer.confidence.pose_covariance import short
 from poseviewer.files.mesh.size import size_words
-from poseviewer.geometry.camera import Parallel
+from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.starts.point_pairs import fewest_pairs
+from poseviewer.starts.wheels import LONGER_FOCALS
 from poseviewer.vehicle.wheel_pose import MIN_RIM_POINTS
 
 PREPARING = "Preparing the first picture ..."
@@ -80,6 +81,7 @@ ASSUMED_HINT = (
     "the focal length is assumed, and the distance with it &nbsp;·&nbsp; before you save: "
     "<b>Find the focal length</b>, at the left"
 )
+WHEELS_FOCAL = "The focal length is a rough guess by the wheels, and with it the distance"
 MARKING_HINT = " &nbsp;·&nbsp; drag a mark, double-click removes it &nbsp;·&nbsp; Esc: end"
 
 
@@ -230,9 +232,13 @@ def proposals_text(session: Session) -> str:
 
 def focal_note(session: Session) -> str:
     """Warn of a focal length that is a guess (markdown); "": it is none."""
-    document = session.document
-    note = document.photo.focal_note(document.pose.camera).partition(":")[0]
-    return note and f"⚠ {note}."
+    photo, camera = session.document.photo, session.document.pose.camera
+    note, guess = photo.focal_note(camera), photo.default_camera()
+    if photo.focal_note(guess) and isinstance(camera, Perspective):
+        factor = camera.fx / guess.fx
+        is_of_wheels = any(math.isclose(factor, longer) for longer in LONGER_FOCALS)
+        note = WHEELS_FOCAL if is_of_wheels else note
+    return note and f"⚠ {note.partition(':')[0]}."
 
 
 def is_focal_length_wanted(session: Session) -> bool:

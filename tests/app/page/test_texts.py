@@ -49,6 +49,8 @@ def test_a_focal_length_that_is_a_guess_is_said_in_the_panel_and_in_the_file():
         assert ("is assumed" in focal_note(session)) == guessed
         notes = pose_json(as_saved(scene_to_save(session))).notes
         assert any("is assumed" in note for note in notes) == guessed
+    by_wheels = replace(assumed, fx=4.2 * assumed.fx, fy=4.2 * assumed.fy)
+    assert "rough guess by the wheels" in focal_note(make_session(by_wheels))
 
 
 @pytest.mark.parametrize(

@@ -2,20 +2,27 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.frame_edits import edit_frames, step_frame
 from poseviewer.app.state.session import Session
+from poseviewer.app.workers.autosaving import Autosaver
+from poseviewer.app.workers.exporting import OF_FRAMES, export
+from poseviewer.app.workers.opening import open_files, open_scene
 from poseviewer.app.workers.tracking import frame_reading, track_edits
 from poseviewer.app.workers.worker import Mailbox, Worker
 from poseviewer.errors import PhotoFileError
+from poseviewer.files.cameras import Calibration
+from poseviewer.files.formats.sequence_export import SEQUENCE_FORMATS
+from poseviewer.files.image_sequence import load_sequence
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.scene.assets import PhotoFile
-from poseviewer.scene.frames import with_frames
-from tests.app.sequences import COUNT, MESH, make_sequence, true_pose
-from tests.app.state.documents import after
+from poseviewer.scene.frames import key_indices, with_frames
+from tests.app.sequences import COUNT, MESH, make_sequence, true_pose, write_sequence
+from tests.app.state.documents import after, assert_same_pose
 
 
 def keyed() -> Session:
@@ -80,3 +87,39 @@ def test_a_frame_that_is_gone_is_said_and_the_shown_one_stays():
             finish(worker, session, lambda now: now.wanted_frame is None)
     finally:
         worker.close()
+
+
+@pytest.fixture(scope="module")
+def opened(tmp_path_factory: pytest.TempPathFactory) -> Session:
+    """A folder of frames with keys in the first two."""
+    frames, model, camera, start = write_sequence(tmp_path_factory.mktemp("sequence"))
+    document = open_files(load_sequence(frames), model, start, Calibration(camera))
+    second = document.at_frame(1, document.scene.frames[1].file)
+    return Session(second).with_document(second.at_pose(true_pose(1)))
+
+
+@pytest.mark.parametrize(("what", "kind"), OF_FRAMES.items())
+def test_all_frames_are_exported(opened: Session, what: str, kind: str):
+    ((name, content),) = export(what, opened, unit="mm").items()
+    assert name == f"frames.m{SEQUENCE_FORMATS[kind] or f'.{kind}.zip'}"
+    assert content
+
+
+def test_a_frame_is_exported_by_itself(opened: Session):
+    (name,) = export("opencv", opened, unit="mm")
+    assert name.startswith("0001.m.")
+
+
+def test_a_sequence_is_saved_beside_its_folder_and_opened_again(opened: Session, tmp_path: Path):
+    saver = Autosaver(tmp_path)
+    path, *_ = saver.save(opened)
+    assert path.name == "frames.m.scene.json"
+    assert path.parent == opened.document.scene.frames[0].file.location.parents[1]
+    # In whichever frame: it is this session's own file.
+    document = opened.document
+    other = document.at_frame(0, document.scene.frames[0].file)
+    assert saver.file_to_replace(other) is None
+    again = open_scene(path)
+    assert again.scene.frame_index == 1
+    assert key_indices(again.scene, "1") == [0, 1]
+    assert_same_pose(again.pose, true_pose(1), 1e-6)
