@@ -22,14 +22,14 @@ def pictures(count: int, width: int = 64, height: int = 48) -> list[NDArray[np.u
 def write_video(path: Path, count: int, codec: str = "mp4v") -> Path:
     """Write a video of ``pictures``."""
     size = pictures(1)[0].shape[1::-1]
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*codec), RATE, size)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), RATE, size)
     for picture in pictures(count):
         writer.write(picture[..., ::-1])
     writer.release()
     return path
 
 
-def bar_of(rgb: NDArray[np.uint8]) -> int:
+def bar_of(rgb: NDArray) -> int:
     """Index of the frame that a picture shows, by its bar."""
     return round(float((rgb[10, :, 0] > 120).sum()) / 2.0) - 1
 

@@ -19,20 +19,24 @@ from PIL import Image
 
 from poseviewer import load
 from poseviewer.cli.main import main as command_line
+from poseviewer.evaluation.cases import Case
 from poseviewer.files.demo import demo_case
 from poseviewer.files.marks import PointPairs
-from poseviewer.files.photo import load_photo
-from poseviewer.files.pose import load_pose
+from poseviewer.files.photo import load_photo, save_image
+from poseviewer.files.pose import PoseRecord, load_pose, save_pose
 from poseviewer.files.scene_assets import load_model
-from poseviewer.geometry.camera import Perspective
+from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.lens import Lens, Undistortion
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.scene.types import PlacedModel
 from poseviewer.starts.loading import StartCamera
 from poseviewer.starts.placing import surface_point
 from poseviewer.starts.point_pairs import start_from_pairs
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage, open_browser
 from tests.lenses import as_taken, write_camera
-from tests.several import make_three
+from tests.measure.jobs import Hand, mark_wheels, save_demo_without_wheels
+from tests.several import LIGHT, lit_models, make_three
 from tests.view_sets import BOX, BOX_TRUTH, CAMERA, MESH, TRUTH, write_two, write_views
 
 ASSETS = Path(__file__).resolve().parent.parent
@@ -80,6 +84,8 @@ SPOTS = ((180.0, 420.0), (420.0, 300.0), (780.0, 380.0), (540.0, 460.0))
 """Point pairs on the demo's photo, px."""
 POST = (534, 586, 665)
 """Left, right and lower end of a post in front of the car, px."""
+FRAMES = 16
+"""Frames of the sequence."""
 REGION = ((140.0, 220.0), (810.0, 550.0))
 """Two corners of a rectangle about the car, px."""
 
@@ -116,8 +122,10 @@ def open_app(
         yield tab
 
 
-def save_page(path: Path, tab: AppPage, settled: bool = True) -> None:
-    """Write what the page shows, once it has not changed for a while."""
+def save_page(
+    path: Path, tab: AppPage, settled: bool = True, columns: tuple[int, int] | None = None
+) -> None:
+    """Write what the page shows, or its columns of px, once it has not changed for a while."""
     before, still = "", 0
     for _ in range(MAX_SECONDS if settled else 0):
         tab.page.wait_for_timeout(1000)
@@ -128,7 +136,9 @@ def save_page(path: Path, tab: AppPage, settled: bool = True) -> None:
             break
     if settled:
         tab.settled_picture()
-    save(path, Image.open(BytesIO(tab.page.screenshot())).convert("RGB"))
+    picture = Image.open(BytesIO(tab.page.screenshot())).convert("RGB")
+    left, right = columns or (0, picture.width)
+    save(path, picture.crop((left, 0, right, picture.height)))
 
 
 def press(tab: AppPage, button: str) -> None:
@@ -281,6 +291,31 @@ def make_wheels(folder: Path) -> None:
         save_page(DOCS / "quick_start_wheels.jpg", tab)
 
 
+def make_marking(folder: Path) -> None:
+    """The first of two wheels that are marked on the picture of a car without named wheels."""
+    keypoints, truth = load_model(DEMO.model).keypoints, load_pose(DEMO.truth, *PHOTO).pose
+    assert keypoints is not None
+    case = Case("car", "", DEMO.photo, save_demo_without_wheels(folder / "car.glb"), truth)
+    with open_app(folder, case.photo, case.mesh, size=SMALL, first=NOT_PLACED) as tab:
+        mark_wheels(Hand(tab, [case], folder), keypoints, 1)
+        tab.wait_for_text("middle of the front wheel")
+        tab.settled_picture()
+        save_page(DOCS / "marking.jpg", tab, settled=False, columns=(300, SMALL[0]))
+
+
+def make_assumed(folder: Path) -> None:
+    """A car found in a box by an assumed focal length, and the offer to find that, too."""
+    photo = folder / "photo.jpg"
+    Image.open(DEMO.photo).save(photo, quality=95)  # without EXIF
+    with open_app(folder, photo, DEMO.model, size=SMALL, first=NOT_PLACED) as tab:
+        press(tab, "Fit to box")
+        tab.drag(*REGION, PHOTO)
+        tab.wait_for_text("proposal 1 of")
+        tab.page.keyboard.press("Space")
+        tab.wait_for_text("Verdict:")
+        save_page(DOCS / "assumed.jpg", tab)
+
+
 def make_box(folder: Path) -> None:
     """The first proposal in a rectangle about the demo's car."""
     with open_app(folder, DEMO.photo, DEMO.model, first=NOT_PLACED) as tab:
@@ -364,9 +399,45 @@ def make_two(folder: Path) -> None:
         save_page(DOCS / "two.jpg", tab)
 
 
+def make_time_line(folder: Path) -> None:
+    """The demo's car on its way through frames: propagated from the first, and mended in one."""
+    (folder / "drive").mkdir()
+    mesh, start = load_model(DEMO.model).mesh, load_pose(DEMO.truth, *PHOTO).pose.rescale(0.5)
+    ground = cv2.GaussianBlur(np.array(Image.open(DEMO.photo).convert("RGB")), (0, 0), 24.0) / 255.0
+    for index in range(FRAMES):
+        turn = RigidTransform.from_rotation_vector([0.0, 0.05 * index, 0.0], np.zeros(3)).rotation
+        now, centre = start.camera_from_model, start.camera_from_model.apply(mesh.centre)
+        centre = centre + np.array([0.12 * index - 0.6, 0.0, 0.05 * index])
+        rotation = turn @ now.rotation
+        pose = Pose(start.camera, RigidTransform(rotation, centre - rotation @ mesh.centre))
+        if index == 0:
+            save_pose(folder / "start.json", PoseRecord.of(pose))
+        random = np.random.default_rng(index)
+        pixels = lit_models([PlacedModel(mesh, pose)], LIGHT, random, ground, 2.0)
+        save_image(folder / "drive" / f"{index:04d}.png", pixels)
+    with open_app(folder, folder / "drive", DEMO.model, "--pose", folder / "start.json") as tab:
+        for button in ("graph", "to end"):
+            press(tab, button)
+        tab.wait_for_text("frames propagated")
+        for _ in range(4):
+            tab.page.keyboard.press(",")
+        tab.wait_for_text(f"frame {FRAMES - 4}")
+        size = start.camera.width, start.camera.height
+        middle = size[0] / 2.0, size[1] / 2.0
+        tab.drag(middle, (middle[0] + 2.0, middle[1]), size)
+        tab.wait_for_text("· key")
+        tab.page.mouse.move(0, 0)
+        tab.settled_picture()
+        left, _, width, _ = tab.view()["box"]
+        clip = {"x": left, "y": 0, "width": width, "height": WINDOW[1]}
+        shot = Image.open(BytesIO(tab.page.screenshot(clip=clip)))  # pyright: ignore
+        save(DOCS / "time_line.jpg", shot.convert("RGB"))
+
+
 MAKERS = (
     make_search, make_demo, make_app, make_first, make_lens, make_export, make_pairs, make_report,
-    make_wheels, make_box, make_methods, make_hide, make_objects, make_two,
+    make_wheels, make_marking, make_assumed, make_box, make_methods, make_hide, make_objects,
+    make_two, make_time_line,
 )  # fmt: skip
 PICTURES: dict[str, Callable[[Path], None]] = {
     **{make.__name__.removeprefix("make_"): make for make in MAKERS},

@@ -5,6 +5,7 @@ the given one.
 """
 
 import csv
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from io import StringIO
@@ -17,14 +18,7 @@ import numpy as np
 from poseviewer.api import FitResult
 from poseviewer.batch.bop_rows import STARTS, save_start
 from poseviewer.batch.job_table import COLUMNS, Job, with_keys
-from poseviewer.batch.result_folder import (
-    MOVED,
-    REJECTED,
-    UNEXPLAINED,
-    Batch,
-    Row,
-    load_batch,
-)
+from poseviewer.batch.result_folder import MOVED, REJECTED, UNEXPLAINED, Batch, Row, load_batch
 from poseviewer.confidence.pose_covariance import PINV, PoseCovariance
 from poseviewer.errors import BatchError
 from poseviewer.files.pose import load_pose
@@ -35,17 +29,19 @@ from poseviewer.fit.progress import FitProgress
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import hull_in_photo
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.overlay.styles import ModelInPhoto, Picture, draw_style
+from poseviewer.render.overlay.window import Window
 from poseviewer.scene.frames import show_frame, store_key
 from poseviewer.scene.settings import FitSettings
 
 AUDITED = "audited.csv"
 """File of the table of jobs from given or, where accepted, found poses."""
-MIN_MOVED_PERCENT = 1.0
-"""Move in % of the object's size up to which a given pose is never listed."""
+MIN_MOVED_PERCENT = 1.5
+"""Move in % of the object's size up to which nothing is listed: no eye tells it."""
 MIN_MOVED_DEVIATIONS = 5.0
-"""Move in stated standard deviations up to which a given pose is never listed."""
+"""Move in stated standard deviations up to which it may be the search's error."""
+MIN_UNEXPLAINED = 0.65
+"""Share that a lost given pose leaves unexplained: exact ones behind occluders leave 0.61."""
 PANEL_SIDE = 300
 """Longer side of each of the three pictures, in px: one pixel of a label shows."""
 MARGIN = 0.3
@@ -80,8 +76,8 @@ def load_frame_jobs(path: Path, out: Path, settings: FitSettings) -> tuple[Job, 
             if item.id in frame.poses:
                 start = out / STARTS / f"{number:06d}-{index}.json"
                 save_start(start, pose_json(as_saved(shown), index), shown.mask(index))
-                files = map(str, (frame.file.location, item.model.location, start))
-                jobs.append(Job(len(jobs) + 1, *files, str(path.parent)))
+                photo, model = str(frame.file.location), str(item.model.location)
+                jobs.append(Job(len(jobs) + 1, photo, model, str(start), str(path.parent)))
     if not jobs:
         raise BatchError(f"{path.name}: no pose in a frame of it; name the scene of a sequence.")
     return with_keys(jobs, settings)
@@ -111,36 +107,33 @@ def save_audited(batch: Batch, rows: Sequence[Row]) -> None:
 
 def audit_numbers(fit: FitResult) -> dict[str, Any]:
     """Compare the pose found with the given one: the fields of ``JobResult`` for an audit."""
-    given, verdict = fit.start, fit.verdict
-    assert verdict is not None  # a fit of one object ends with it
+    given, symmetry = fit.start, fit.object.symmetry
     before = judge_end(replace(FitProgress.at_start(given.problem), loss=given.loss), fit.renderer)
-    assert before.verdict is not None
-    moved = pose_error(fit.mesh, fit.pose, given.pose, fit.object.symmetry)
-    nearest = fit.object.symmetry.nearest_pose(given.pose, fit.pose)
-    deviations = None if fit.covariance is None else count_deviations(fit.covariance, nearest)
-    numbers = {"moved_percent": moved.percent, "moved_px": moved.reprojection_px}
-    finding = find_finding(verdict.label, before.verdict.label, moved.percent, deviations)
+    assert fit.progress is not None  # a fit ends with it
+    labels = str(before.verdict), str(fit.verdict)
+    moved, deviations = pose_error(fit.mesh, fit.pose, given.pose, symmetry), math.nan
+    if fit.covariance is not None:
+        nearest = symmetry.nearest_pose(given.pose, fit.pose)
+        deviations = round(count_deviations(fit.covariance, nearest), 2)
+    finding = find_finding(labels, deviations, fit.progress.start_unexplained)
     return {
-        **{name: round(value, 3) for name, value in numbers.items()},
-        "moved_deviations": None if deviations is None else round(deviations, 2),
-        "given_verdict": before.verdict.label,
-        "finding": finding,
+        "finding": finding if moved.percent > MIN_MOVED_PERCENT else "",
+        "moved_percent": round(moved.percent, 3),
+        "moved_px": round(moved.reprojection_px, 3),
+        "moved_deviations": None if math.isnan(deviations) else deviations,
+        "given_verdict": labels[0],
     }
 
 
-def find_finding(found: str, given: str, percent: float, deviations: float | None) -> str:
-    """Say what is wrong with a given pose; "": nothing.
+def find_finding(labels: tuple[str, str], deviations: float, unexplained: float) -> str:
+    """Say what is wrong with a given pose that the search has left; "": nothing.
 
-    Args:
-        found: label of the verdict where the search ended.
-        given: label of the verdict at the given pose.
-        percent: move in per cent of the object's size.
-        deviations: move in standard deviations; None: not known.
+    ``labels`` are the verdicts at the given pose and at the one found, ``deviations`` are between
+    them, and ``unexplained`` is the share that the given pose leaves.
     """
-    if found == given == "lost":
+    if labels == ("lost", "lost") and unexplained > MIN_UNEXPLAINED:
         return UNEXPLAINED
-    is_far = percent > MIN_MOVED_PERCENT and (deviations or 0.0) > MIN_MOVED_DEVIATIONS
-    return MOVED if found == "found" and is_far else ""
+    return MOVED if labels[1] == "found" and deviations > MIN_MOVED_DEVIATIONS else ""
 
 
 def count_deviations(covariance: PoseCovariance, pose: Pose) -> float:
@@ -153,20 +146,17 @@ def count_deviations(covariance: PoseCovariance, pose: Pose) -> float:
 
 def draw_comparison(fit: FitResult) -> Picture:
     """Draw the photo, the given outline and the one found, side by side and magnified."""
-    poses, camera = (fit.start.pose, fit.pose), fit.pose.camera
-    whole = inside = Rectangle(0.0, 0.0, camera.width, camera.height)
+    poses, size = (fit.start.pose, fit.pose), np.array([fit.photo.width, fit.photo.height])
     corners = np.vstack([hull_in_photo(fit.mesh, pose) for pose in poses])
-    if len(corners):
-        box = Rectangle.from_corners(corners.min(axis=0), corners.max(axis=0))
-        inside = box.expand(2.0 * MARGIN).intersection(whole)
-    inside = inside if inside.area else whole
-    left, top = int(inside.left), int(inside.top)
-    size = max(round(inside.width), 1), max(round(inside.height), 1)
-    photo = fit.photo.as_rgb8(camera.width, camera.height)
-    cut = photo[top : top + size[1], left : left + size[0]]
-    factor = PANEL_SIDE / max(size)
-    drawn = [replace(p, camera=p.camera.crop(left, top, size)).rescale(factor) for p in poses]
-    to = drawn[0].camera.width, drawn[0].camera.height
-    panel = np.asarray(cv2.resize(cut, to, interpolation=cv2.INTER_CUBIC), np.uint8)
+    low, high = (corners.min(axis=0), corners.max(axis=0)) if len(corners) else (0 * size, size)
+    margin = MARGIN * (high - low)
+    left, top = np.clip(low - margin, 0, size - 1).astype(int).tolist()
+    right, bottom = np.clip(high + margin, [left + 1, top + 1], size).astype(int).tolist()
+    width, height = right - left, bottom - top
+    window = Window(left, top, width, height, PANEL_SIDE / max(width, height))
+    drawn = [window.pose(pose) for pose in poses]
+    photo = fit.photo.as_rgb8(*size.tolist())[window.of_photo(*size.tolist())]
+    shown = drawn[0].camera.width, drawn[0].camera.height
+    panel = np.asarray(cv2.resize(photo, shown, interpolation=cv2.INTER_CUBIC), np.uint8)
     models = [ModelInPhoto(panel, fit.mesh, fit.renderer, pose) for pose in drawn]
     return np.hstack([panel, *(draw_style("outline", model) for model in models)])

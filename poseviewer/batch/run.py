@@ -84,7 +84,7 @@ def open_batch(
         raise BatchError(f"{folder}: is what is read; name another folder for the results.")
     if is_audit:  # the same rows of a batch have other results
         jobs = tuple(replace(job, key=f"audit-{job.key}") for job in jobs)
-    for name in (TABLE, REPORT, MANIFEST):
+    for name in (TABLE, REPORT, MANIFEST, *([table.name] if is_sequence else [])):
         require_replaceable(folder / name, BatchError)
     sequence = str(table.resolve()) if is_sequence else None
     given = scene, mask.resolve() if mask else None, is_audit, sequence

@@ -81,15 +81,13 @@ def sort_named_files(options: Namespace) -> FileSet:
 def load_named_sequence(options: Namespace, frames: Sequence[Path]) -> ImageSequence:
     """Load the frames of a sequence, or of its video, by the options of ``table.SEQUENCE``."""
     from poseviewer.files.image_sequence import load_sequence
-    from poseviewer.files.video import VIDEOS
 
-    source = frames[0] if frames[0].suffix.lower() in VIDEOS else frames
     with progress_bar(100, getattr(options, "quiet", False)) as bar:
 
         def show(share: float) -> None:
             bar.update(round(100.0 * share) - bar.n)
 
-        return load_sequence(source, options.every or 1, options.frames, show)
+        return load_sequence(frames, options.every or 1, options.frames, show)
 
 
 def load_named(options: Namespace) -> Registration:

@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 from argparse import Namespace
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 from poseviewer.cli import options as table
@@ -14,27 +15,34 @@ from poseviewer.cli.terminal import say
 from poseviewer.errors import PoseFileError
 from poseviewer.files.formats.conversion import METRES, ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
+from poseviewer.files.formats.sequence_export import SEQUENCE_FORMATS
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from poseviewer.render.overlay.styles import Picture
     from poseviewer.scene.types import Scene
 
 SCENE = "scene"
 """Name of the format of scene files."""
 _NAMES = tuple(FORMATS)
+_OF_SEQUENCES = tuple(name for name in SEQUENCE_FORMATS if name not in FORMATS)
+_WRITTEN = (*_NAMES, *_OF_SEQUENCES)
 MATRIX_OPTIONS = (
     table.option("--opengl", "take matrices as OpenGL's, whose camera looks along -z, y up"),
     table.option("--inverse", "take matrices as those of the model from the camera"),
 )
-_READ = "read this format, one of those of --to (default: %(default)s)"
-_WRITE = f"write this format: {', '.join(_NAMES)} (default: %(default)s)"
+_READ = "read this format, one of those of --to (default: %(default)s, or scene, by the file)"
+_WRITE = (
+    f"write this format: {', '.join(_NAMES)}, or of a sequence {', '.join(_OF_SEQUENCES)} "
+    "(default: %(default)s)"
+)
 OPTIONS = {
     "": (
         table.option("source POSE|SCENE", "pose or scene, of this or another tool"),
         table.option("out OUT", "file or folder to write", is_output=True),
         table.option("--from FORMAT", _READ, _NAMES, dest="source_format", default=_NAMES[0]),
-        table.option("--to FORMAT", _WRITE, _NAMES, dest="out_format", default=_NAMES[0]),
+        table.option("--to FORMAT", _WRITE, _WRITTEN, dest="out_format", default=_NAMES[0]),
         table.option("--photo PHOTO", "use this photo (default: the one in POSE)"),
         table.option("--model MODEL", "use this, or BOP's folder of models (default: POSE's)"),
         table.option("--photo-size WIDTHxHEIGHT", "set this size, in px (default: --photo's)"),
@@ -44,6 +52,7 @@ OPTIONS = {
         table.option("--calibration FILE", "read a bare matrix's camera here (default: none)"),
         table.LENS_MODEL,
         *MATRIX_OPTIONS,
+        table.LOOK,
         table.option("--overwrite", "replace OUT if it exists"),
     )
 }
@@ -59,14 +68,43 @@ def run(options: Namespace) -> int:
     scene = _with_named_files(scene, request)
     for note in scene.notes:
         say(f"note: {note}")
-    files, notes = FORMATS[options.out_format].convert(scene, options.out, request)
-    if options.out_format == "bop":
-        notes += _write_masks(scene, options.out, request)
+    name = options.out_format
+    if scene.frames and name in SEQUENCE_FORMATS:
+        files, notes = _convert_sequence(scene, options, request)
+    elif name not in FORMATS:
+        raise PoseFileError(f"--to {name} is for sequences, and {options.source} has no frames.")
+    else:
+        if scene.frames and name != SCENE:
+            say(f"note: Such a file is of one frame: that of {scene.views[0].name}.")
+            scene = replace(scene, frames=(), frame_index=0)
+        files, notes = FORMATS[name].convert(scene, options.out, request)
+        if name == "bop":
+            notes += _write_masks(scene, options.out, request)
     for note in notes:
         say(f"note: {note}")
     for path in files:
-        say(f"{options.out_format}: {path}")
+        say(f"{name}: {path}")
     return 0
+
+
+def _convert_sequence(
+    scene: Scene, options: Namespace, request: ConvertOptions
+) -> tuple[list[Path], list[str]]:
+    from poseviewer.api import Registration
+    from poseviewer.figures.object_maps import pictures_of_objects
+    from poseviewer.files.formats.sequence_export import SequencePictures, export_sequence
+    from poseviewer.render.renderers import make_renderer
+
+    renderers = {}
+
+    def draw(shown: Scene) -> Picture:
+        for item in shown.objects:
+            if item.mesh not in renderers:
+                renderers[item.mesh] = make_renderer(item.mesh, item.settings.renderer)
+        return Registration(shown, renderers).whole.picture(options.look)
+
+    pictures = SequencePictures(draw, partial(pictures_of_objects, masks_alone=True))
+    return export_sequence(options.out_format, scene, options.out, request, pictures)
 
 
 def _write_masks(scene: Scene, out: Path, request: ConvertOptions) -> list[str]:
@@ -98,9 +136,12 @@ def _write_masks(scene: Scene, out: Path, request: ConvertOptions) -> list[str]:
 
 def _request(options: Namespace) -> ConvertOptions:
     """Make the options of the conversion, without the object; refuse missing files."""
+    from poseviewer.files.file_set import is_scene_file
     from poseviewer.files.formats.conversion import require_file
     from poseviewer.files.photo import load_photo
 
+    if options.source_format == _NAMES[0] and is_scene_file(options.source):
+        options.source_format = SCENE
     if "matrix" not in (options.source_format, options.out_format):
         table.refuse(options, MATRIX_OPTIONS, "without --from matrix or --to matrix; leave it out")
     if options.photo is not None:
@@ -118,8 +159,7 @@ def _source(options: Namespace, request: ConvertOptions) -> tuple[Scene, Convert
     """Read the source, and choose the objects."""
     scene = _read(options, request) if options.source_format == SCENE else None
     if scene is not None and options.object:
-        ids = [item.id for item in scene.objects]
-        if options.object in ids or len(ids) > 1:
+        if len(scene.objects) > 1 or not options.object.isdecimal():
             chosen = scene.objects[scene.index(options.object)]
             return replace(scene, objects=(chosen,)), request
     if options.object:

@@ -33,7 +33,7 @@ def load_sequence(
     """Load the frames of a sequence. An image that cannot be read is left out with a note.
 
     Args:
-        source: folder of images, their files, or a video.
+        source: folder of images, their files, or a video; as ``FileSet.frames`` has them, too.
         every: take the first frame, and every N-th after it.
         folder: where a video's frames are kept; None: ``VIDEO.frames`` beside it, or in the folder
             of state.
@@ -44,7 +44,9 @@ def load_sequence(
     """
     if not isinstance(source, str | Path):
         paths = sorted((path.absolute() for path in source), key=natural_order)
-        return _of_images(paths[0].parent.name, paths, every)
+        if paths[0].suffix.lower() not in VIDEOS:
+            return _of_images(paths[0].parent.name, paths, every)
+        source = paths[0]
     path = Path(source).absolute()
     if path.suffix.lower() in VIDEOS and not path.is_dir():
         folder, record = extract_frames(path, every, folder, progress)

@@ -91,7 +91,8 @@ def photo_size(path: str | Path) -> tuple[int, int, int]:
         _refuse_size(file, *size)
     orientation = exif.get(Tag.Orientation, UPRIGHT)
     orientation = orientation if orientation in range(1, 9) else UPRIGHT
-    return *(size[::-1] if orientation > 4 else size), orientation
+    width, height = size[::-1] if orientation > 4 else size
+    return width, height, orientation
 
 
 def was_taken_by_a_camera(path: str | Path) -> bool:

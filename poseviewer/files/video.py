@@ -6,7 +6,8 @@ out: frame numbers are exact in few formats.
 
 import hashlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -15,7 +16,7 @@ import numpy as np
 from msgspec import Meta, Struct, structs
 from numpy.typing import NDArray
 
-from poseviewer.errors import PhotoFileError
+from poseviewer.errors import PhotoFileError, PoseViewerError
 from poseviewer.files.checks import MAX_DATA_BYTES, InputFile, Number, is_there, quiet_libraries
 from poseviewer.files.state.folder import state_folder
 from poseviewer.files.writing import make_folder, write_json, writing_to
@@ -26,6 +27,10 @@ MAX_VIDEO_BYTES = 10**12
 MAX_FRAMES = 20_000
 """Limit of the frames kept: 2 GB of 640x480 px."""
 JPEG_QUALITY = 95
+CODECS = {".mp4": ("avc1", "mp4v"), ".webm": ("VP90",), ".avi": ("MJPG",)}
+"""Codecs of videos that are written, best first: H.264 is not on every machine."""
+QUIET = ("OPENCV_FFMPEG_LOGLEVEL", "-8")
+"""Variable that silences FFmpeg in OpenCV."""
 MIN_READ = 0.9
 """Share of the frames that the file announces, below which it breaks off: some only estimate it."""
 
@@ -75,8 +80,8 @@ def extract_frames(
         status, folder = video.stat(), folder or _folder_of(video)
         new = VideoRecord(video=video.name, bytes=status.st_size, modified_ns=status.st_mtime_ns)
         known = load_record(folder)
-        if known is None and any(folder.glob("*.jpg")):
-            found = f"its frames belong into {folder}, which holds other images"
+        if known is None and (any(folder.glob("*.jpg")) or (folder / RECORD).exists()):
+            found = f"its frames belong into {folder}, which holds other files"
             raise file.error(found, "name an empty folder")
         if known is None or structs.replace(known, every=(), times_s={}, notes=()) != new:
             for name in () if known is None else known.times_s:  # of the video as it was
@@ -91,10 +96,49 @@ def extract_frames(
         return folder, known
 
 
+def save_video(path: Path, pictures: Iterable[NDArray[np.uint8]], rate: float) -> None:
+    """Write a video, whole or not.
+
+    Args:
+        path: file, .mp4, .webm or .avi.
+        pictures: (height, width, 3), RGB, of one size.
+        rate: frames a second.
+
+    Raises:
+        PhotoFileError: it cannot be written.
+    """
+    file = InputFile(path, [], PhotoFileError, "video")
+    if path.suffix.lower() not in CODECS:
+        found = f"videos cannot be written as {path.suffix!r}"
+        raise file.error(found, f"name it {' or '.join(CODECS)}")
+    os.environ.setdefault(*QUIET)
+    part, writer = path.with_name(f".{path.stem}.part{path.suffix}"), None
+    try:
+        for picture in pictures:
+            size = picture.shape[1::-1]
+            if writer is None:
+                with quiet_libraries():
+                    for codec in CODECS[path.suffix.lower()]:
+                        code = cv2.VideoWriter.fourcc(*codec)
+                        writer = cv2.VideoWriter(str(part), cv2.CAP_FFMPEG, code, rate, size)
+                        if writer.isOpened():
+                            break
+                    else:
+                        raise file.error("cannot be written", "is the folder yours to write to?")
+            writer.write(np.ascontiguousarray(picture[..., ::-1]))
+        if writer is not None:
+            writer.release()
+            part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
 def load_record(folder: Path) -> VideoRecord | None:
     """Load what a folder of a video's frames says of them; None: it is not one."""
     file = InputFile(folder / RECORD, kind="list of frames", largest=MAX_DATA_BYTES)
-    return file.decode(file.load_object(), VideoRecord) if is_there(file.path) else None
+    with suppress(PoseViewerError):
+        return file.decode(file.load_object(), VideoRecord)
+    return None
 
 
 def _read(
@@ -104,7 +148,7 @@ def _read(
     known: VideoRecord,
     progress: Callable[[float], object],
 ) -> VideoRecord:
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # quiet
+    os.environ.setdefault(*QUIET)
     capture = cv2.VideoCapture(str(file.path), cv2.CAP_FFMPEG)
     try:
         if not capture.isOpened():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
@@ -18,6 +19,7 @@ from poseviewer.fit.loss import LossScale
 from poseviewer.fit.problem import FitProblem, pose_loss
 from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.render.attributes import Renderer
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import Level, coarsest_level
@@ -127,7 +129,8 @@ def landscape(
             is the paper's.
         size: points along each side; odd, so that the centre is one of them.
         smooth: whether to interpolate finer grids where that did well one grid before, but not
-            about each slice's minimum. Random points give the ``error`` of each pair's last slice.
+            about each slice's minimum, and to draw them without faces that the first grid does not
+            show. Random points give the ``error`` of each pair's last slice.
 
     Raises:
         SettingsError: ``size`` is even or less than 3, or ``half_width`` is not positive; or there
@@ -144,12 +147,17 @@ def landscape(
     steps[size // 2] = 0.0
     # Column i: the values of parameter i along its axis.
     values = np.array(centre, dtype=float) + steps[:, None] * problem.chart.scales(centre)
-    losses, level = _Losses(problem, pool, values), 0
-    for level, stride in enumerate(strides(size)):
-        if smooth and level >= WHOLE_GRIDS:
-            losses.interpolate(stride)
-        yield from losses.fill(stride)
-    if smooth and level >= WHOLE_GRIDS:
+    losses, grids = _Losses(problem, pool, values), strides(size)
+    is_smooth = smooth and len(grids) > WHOLE_GRIDS
+    with ExitStack() as culled:
+        for level, stride in enumerate(grids):
+            if is_smooth and level == 1:
+                losses.pool = culled.enter_context(pool.cull_unseen(losses.poses))
+            if is_smooth and level >= WHOLE_GRIDS:
+                losses.interpolate(stride)
+            yield from losses.fill(stride)
+    if is_smooth:
+        losses.pool = pool
         yield from losses.check()
 
 
@@ -158,11 +166,20 @@ class _Losses:
 
     def __init__(self, problem: FitProblem, pool: RendererPool, values: FloatArray) -> None:
         self._problem = problem
-        self._pool = pool
+        self.pool = pool
         self._values = values
         self._known: dict[tuple[float, ...], float] = {}
         pairs, size = combinations(problem.free_indices.tolist(), 2), len(values)
         self._grids = {pair: np.full((size, size), np.nan) for pair in pairs}
+
+    @property
+    def poses(self) -> list[list[Pose]]:
+        """Poses in each view at the points that are known; points without a pose are left out."""
+        poses: list[tuple[Pose, ...]] = []
+        for point in self._known:
+            with suppress(OutsideChartError):
+                poses.append(self._problem.poses(np.array(point)))
+        return [list(of_view) for of_view in zip(*poses, strict=True)]
 
     def fill(self, stride: int) -> Iterator[Slice]:
         """Evaluate unknown points on a grid of this stride; yields the slice after each row."""
@@ -220,7 +237,7 @@ class _Losses:
     def _evaluate(self, points: Sequence[tuple[float, ...]]) -> Iterator[None]:
         """Evaluate the unknown ``points``, one for each step of the iterator."""
         new = [point for point in dict.fromkeys(points) if point not in self._known]
-        losses = self._pool.map(partial(pose_loss, self._problem), [np.array(p) for p in new])
+        losses = self.pool.map(partial(pose_loss, self._problem), [np.array(p) for p in new])
         for point, loss in zip(new, losses, strict=True):
             self._known[point] = loss
             yield

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -183,6 +184,11 @@ class Renderer:
     def cull(self, pose: Pose) -> Renderer:
         """Make a renderer for poses near ``pose``, which may leave out faces hidden there."""
         del pose
+        return self
+
+    def cull_unseen(self, poses: Iterable[Pose]) -> Renderer:
+        """Make a renderer for poses among ``poses``, which may leave out faces that none shows."""
+        del poses
         return self
 
     def render(self, pose: Pose) -> AttributeImage:

@@ -6,8 +6,10 @@ import os
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import chain
 from typing import Any, TypeVar
 
+from poseviewer.geometry.camera import Pose
 from poseviewer.render.attributes import Renderer
 
 Item = TypeVar("Item")
@@ -36,7 +38,7 @@ class RendererPool:
         """Start ``threads``, by default one for each processor; each calls ``begin`` first."""
         count = processors() if threads is None else threads
         each = renderer if isinstance(renderer, tuple) else (renderer,)
-        self._renderer, self.threads = renderer, 1
+        self._renderer, self.threads, self._begin = renderer, 1, begin
         self._executor: ThreadPoolExecutor | None = None
         owns: list[Any] = [each] * each[0].callers
         if not owns and count > 1:
@@ -74,6 +76,19 @@ class RendererPool:
         finally:
             for future in waiting:
                 future.cancel()
+
+    def cull_unseen(self, poses: Sequence[Sequence[Pose]]) -> RendererPool:
+        """Make a pool for poses among some, which may leave out faces that none of them shows.
+
+        ``poses`` are those of each renderer of a tuple, or all of the one renderer.
+        """
+        one, of_all = self._renderer, list(chain.from_iterable(poses))
+        culled = (
+            tuple(each.cull_unseen(own) for each, own in zip(one, poses, strict=True))
+            if isinstance(one, tuple)
+            else one.cull_unseen(of_all)
+        )
+        return RendererPool(culled, self.threads, self._begin)
 
     def start(self, work: Callable[[], Result]) -> Callable[[], Result]:
         """Begin ``work`` in a thread, and return a function that waits for its result.

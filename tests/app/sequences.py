@@ -7,7 +7,9 @@ import numpy as np
 
 from poseviewer.app.state.document import Document
 from poseviewer.files.photo import save_image
+from poseviewer.files.pose import PoseRecord, save_pose
 from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.frames import camera_as_integer_centres
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.scene.assets import ModelFile, PhotoFile
@@ -15,10 +17,11 @@ from poseviewer.scene.frames import with_frames
 from poseviewer.scene.types import Frame, PlacedModel, View, scene_at
 from tests.meshes import make_bumpy
 from tests.several import LIGHT, coloured, lit_models, save_model
+from tests.writing import write
 
 CAMERA = Perspective(300.0, 300.0, 120.5, 90.5, 240, 180)
 MESH = coloured(make_bumpy(3), (1.0, 0.8, 0.6))
-COUNT = 9
+COUNT = 7
 
 
 def true_pose(index: int) -> Pose:
@@ -43,10 +46,15 @@ def make_sequence(count: int = COUNT) -> Document:
     return Document.of(with_frames(scene, frames))
 
 
-def write_sequence(folder: Path) -> tuple[Path, Path]:
-    """Write photos into a folder, and the model; returns both."""
-    (folder / "frames").mkdir()
+def write_sequence(folder: Path) -> tuple[Path, Path, Path, Path]:
+    """Write photos into a folder, and the model, the camera and the pose in the first frame."""
+    frames, *files = (folder / name for name in ("frames", "m.ply", "camera.json", "start.json"))
+    model, camera, start = files
+    frames.mkdir()
     for index in range(COUNT):
-        save_image(folder / "frames" / f"{index:04d}.png", make_frame(index).pixels)
-    save_model(folder / "m.ply", MESH)
-    return folder / "frames", folder / "m.ply"
+        save_image(frames / f"{index:04d}.png", make_frame(index).pixels)
+    save_model(model, MESH)
+    given = camera_as_integer_centres(CAMERA)
+    write(camera, {name: getattr(given, name) for name in ("fx", "fy", "cx", "cy")})
+    save_pose(start, PoseRecord.of(true_pose(0)))
+    return frames, model, camera, start

@@ -9,6 +9,7 @@ from playwright.sync_api import Browser
 
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage
+from tests.scene import Scene
 
 pytestmark = pytest.mark.slow
 
@@ -200,3 +201,15 @@ def is_registered(page: AppPage) -> bool:
     width, height = page.view()["box"][2:]
     at = page.page.evaluate(f"poseviewer.photoFromCanvas({width / 2}, {height / 2})")
     return np.allclose(at, np.array(DEMO_PHOTO) / 2, atol=0.5)
+
+
+def test_a_photo_that_is_opened_alone_asks_for_its_model(page: AppPage, scene: Scene):
+    page.page.keyboard.press("Escape")
+    page.drop_files([scene.photo])
+    page.wait_for_text("now open the model of this photo")
+    assert not page.page.get_by_text("Looking for the object").filter(visible=True).count()
+    page.drop_files([scene.model])
+    page.wait_for_text("Looking for the object")
+    for _ in range(2):
+        page.page.keyboard.press("z")
+    page.wait_for_text("at this pose")

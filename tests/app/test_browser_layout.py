@@ -50,7 +50,7 @@ TROUBLES = """() => {
 """Labels that are cut, pairs of which one lies over the other, folders beside their names."""
 Size = tuple[int, int]
 PAGES: dict[str, tuple[list[Size], dict[str, Any]]] = {
-    "plain": ([(1280, 720), (1500, 900), (2560, 1440)], {}),
+    "plain": ([(1280, 720), (1366, 768), (2560, 1440)], {}),
     "fine": ([(1280, 720)], {"device_scale_factor": 2}),
     "larger text": ([(1500, 900)], {"before": LARGER_TEXT}),
 }
@@ -59,16 +59,16 @@ SETTLING_LOOKS = 20
 """Looks at a page, each ``LOOK_AGAIN_MS`` after the one before, until a trouble counts."""
 MAIN = {
     1: ["Photo ..."],
-    2: ["Fit to box", "Search (space)"],
-    3: ["Search (space)", "Hide what"],
+    2: ["Fit to box", "Search (space)", "Camera"],
+    3: ["Search (space)", "Hide what", "Compare both losses", "Settings"],
     4: [],
     5: ["Save "],
 }
-"""Names of main buttons by their steps."""
+"""Names of main buttons and folders by their steps."""
 LONG_NAME = "porsche-2010-05-17-a.png"
 CASES = {
     "not placed": MAIN,
-    "seven numbers": {**MAIN, 3: ["Keep it", "Hide what"]},
+    "seven numbers": {**MAIN, 3: ["Keep it", *MAIN[3]]},
     "three objects": MAIN,
     "three photos": MAIN,
 }
@@ -123,7 +123,9 @@ def _troubles(tab: AppPage, buttons: list[str], height: int) -> list[str]:
     for _ in range(SETTLING_LOOKS):
         troubles = tab.page.evaluate(TROUBLES)
         for button in buttons:
-            place = tab.page.get_by_role("button", name=button)
+            folder = tab.page.get_by_text(button, exact=True)
+            place = tab.page.get_by_role("button", name=button).or_(folder)
+            place = place.filter(visible=True).first
             place.wait_for()
             box = place.bounding_box()
             assert box is not None

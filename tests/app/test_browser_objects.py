@@ -41,3 +41,14 @@ def test_objects_are_removed_added_placed_hidden_and_picked(browser: Browser, tm
         tab.until(lambda: picked(tab) == "front")
         tab.page.mouse.click(*tab.on_screen((middle(0) - [20.0, 0.0]).tolist(), SIZE))
         tab.until(lambda: picked(tab) == "ball")
+        # What is exported of one does not overwrite what is exported of another.
+        tab.open_step(5)
+        names = set[str]()
+        for index, name in enumerate(("ball", "front"), 1):
+            tab.page.locator(".pv-objects tr").nth(index - 1).click()
+            tab.until(lambda name=name: picked(tab) == name)
+            with tab.page.expect_download() as download:
+                tab.page.get_by_role("button", name="Export as ...").click()
+            names.add(download.value.suggested_filename)
+        assert len(names) == 2
+        assert all(name.startswith("three.") for name in names)

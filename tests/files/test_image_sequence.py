@@ -22,7 +22,7 @@ def write_image(path: Path, size: tuple[int, int] = (8, 6), orientation: int = 1
 def test_frames_are_in_natural_order_and_times_are_not_known(tmp_path: Path) -> None:
     for name in ("f10.png", "f2.png", "F1.PNG", ".hidden.png"):
         write_image(tmp_path / name)
-    (tmp_path / "notes.txt").write_text("no frame")
+    (tmp_path / "frames.json").write_text('{"frames": "of another tool"}')
     frames = load_sequence(tmp_path)
     assert [path.name for path in frames.paths] == ["F1.PNG", "f2.png", "f10.png"]
     assert frames.times_s == (None, None, None)

@@ -90,7 +90,7 @@ def test_poses_of_a_sequence_are_saved_as_they_are(path):
     hidden = (np.ones((240, 320), bool),)
     scene = sequence(path)
     item = scene.objects[0]
-    shown = scene.with_object(0, result=replace(item.result, hidden=hidden))
+    shown = scene.with_object(0, result=SearchResult(hidden=hidden))
     saved = as_saved(shown)
     assert saved.objects[0].world_from_model is item.world_from_model
     assert not saved.objects[0].in_views

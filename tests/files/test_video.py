@@ -132,7 +132,10 @@ def test_frames_are_kept_elsewhere_where_the_user_says_or_the_disk_wants_it(tmp_
     clip = write_video(tmp_path / "clip.mp4", 2)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "000000.jpg").write_bytes(b"another one")
-    with pytest.raises(PhotoFileError, match="mine, which holds other images; name an empty"):
+    with pytest.raises(PhotoFileError, match="mine, which holds other files; name an empty"):
+        load_sequence(clip, folder=tmp_path / "mine")
+    (tmp_path / "mine" / "000000.jpg").rename(tmp_path / "mine" / "frames.json")
+    with pytest.raises(PhotoFileError, match="mine, which holds other files; name an empty"):
         load_sequence(clip, folder=tmp_path / "mine")
     assert load_sequence(clip, folder=tmp_path / "own").paths[0].parent == tmp_path / "own"
     monkeypatch.setenv("POSEVIEWER_STATE", str(tmp_path / "state"))

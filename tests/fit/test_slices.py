@@ -14,8 +14,9 @@ from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.attributes import Moments, PhotoAttributes, Renderer
 from poseviewer.render.pool import RendererPool
+from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.scene.settings import FitSettings
-from tests.meshes import make_box
+from tests.meshes import make_box, make_bumpy, merged
 
 PLACE = RigidTransform(np.eye(3), np.array([0.0, 0.0, 5.0]))
 MESH = make_box()
@@ -169,3 +170,28 @@ def test_what_is_not_smooth_is_evaluated():
     )
     off = np.abs(piece.losses - exact.losses) / np.ptp(exact.losses)
     assert np.quantile(off, 0.95) < 0.02
+
+
+class WholeRenderer(SoftwareRenderer):
+    """Draws all faces for all poses."""
+
+    def cull_unseen(self, poses):  # noqa: ARG002
+        return self
+
+
+def test_faces_that_the_first_grid_does_not_show_hardly_count():
+    mesh = make_bumpy(3)
+    mesh = merged(mesh, replace(mesh, vertices=0.7 * mesh.vertices))
+    pose = Pose(Perspective(80.0, 80.0, 32.0, 24.0, 64, 48), PLACE)
+    renderer = SoftwareRenderer(mesh)
+    photo = PhotoAttributes(renderer.render(pose).normals[..., :1], np.ones((48, 64), np.float32))
+    chart = FreeBodyChart.near(mesh, pose)
+    start, settings = chart.from_pose(pose), FitSettings(lock=chart.names[:4])
+    problem = FitProblem(mesh, (ViewResidual(photo, chart),), start, settings)
+    whole, culled = [], []
+    for pieces, own in ((whole, WholeRenderer(mesh)), (culled, renderer)):
+        with RendererPool(own, 2) as pool:
+            pieces += landscape(problem, pool, start, size=41, smooth=True)
+    off = np.abs(culled[-1].losses - whole[-1].losses) / np.ptp(whole[-1].losses)
+    assert off.max() < 0.1
+    assert np.quantile(off, 0.95) < 0.005

@@ -52,7 +52,7 @@ def test_a_calibration_undistorts_every_frame(frames, scene, tmp_path):
         shown = show_frame(opened, index).views[0]
         assert shown.photo.undistortion is not None
         assert shown.photo.camera == shown.camera
-        taken = load_photo(opened.frames[index].file.path).pixels
+        taken = load_photo(opened.frames[index].file.location).pixels
         assert np.any(shown.photo.pixels != taken)
 
 

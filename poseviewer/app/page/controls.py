@@ -48,6 +48,8 @@ ON_PAGE = (
     (r"choose one by --calibration-camera NAME, Calibration's camera", "keep one in the file"),
     (r"; poseviewer info --calibration --help lists the keys", ""),
     (r"name their folder with --photo-folder.*?--photos", "drop the photos with it"),
+    (r"; make one of another tool's with poseviewer convert[^.]*", ""),
+    (r" \((?:setting|fit with) [a-z][^)]*\)", ""),
     (r"fit one photo without --views", "open the photo alone"),
     (r"((?:Texture|Material file) left out: [^\n]*? is not there)\.", r"\1; drop it here."),
     (r"[,;]? or (?:[^,;.]* )?--[a-z][^;.]*", ""),
@@ -55,6 +57,14 @@ ON_PAGE = (
     (r"(?<=\d)%(?=[ ,;:)]|\.?$|\. )", " %"),
 )
 """Words in sentences of all packages, mostly on options of the command line, and the page's."""
+FIELDS = {
+    "chart": "Parameters",
+    "pixels": "Pixels",
+    "renderer": "Renderer",
+    "free_focal": "Find the focal length",
+    "free_principal_point": "Find the principal point",
+}
+"""Labels of the fields of settings that sentences of the library name."""
 MAX_DECIMALS = 12
 """Decimals that a field takes: viser would cut off those beyond its arrows' step."""
 SHOWN_DIGITS = 8
@@ -64,9 +74,15 @@ SELECTED = "● "
 
 
 def on_page(sentence: str) -> str:
-    """A sentence of any package in the page's words: it has no options of the command line."""
+    """A sentence of any package in the page's words: it has no options of the command line, and
+    names fields of the page for settings of the library.
+    """
     for words, instead in ON_PAGE:
         sentence = re.sub(words, instead, sentence)
+    for name, label in FIELDS.items():
+        sentence = re.sub(rf'(?<![\w-]){name}="([\w-]+)"', rf'"{label}: \1"', sentence)
+        if "_" in name:  # else it may be a word of the sentence
+            sentence = re.sub(rf"(?<!\w){name}(?!\w)", f'"{label}"', sentence)
     return sentence
 
 

@@ -86,8 +86,9 @@ def _marks(session: Session) -> Iterator[str]:
         model = pose.project(np.array(hubs).reshape(-1, 3))
     else:
         model = pose.project(np.array(marks.points).reshape(-1, 3))
-        if not session.document.object.is_placed:
-            model = np.full_like(model, np.nan)  # it is not drawn
+    if not session.document.object.is_placed:
+        model = np.full_like(model, np.nan)  # it is not drawn
+    if session.tool == "pairs":
         yield _lines(np.stack([photo, model[: len(photo)]], axis=1), MODEL_MARK_COLOUR)
     for place in photo:
         yield _at(place, CROSS, MARK_COLOUR)

@@ -43,7 +43,7 @@ from poseviewer.app.state.pose_edits import pose_numbers, set_number, set_parame
 from poseviewer.app.state.proposal_edits import propose_starts
 from poseviewer.app.state.search_edits import alter_settings, find_focal_length, set_loss, take_end
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.exporting import CONVERTED
+from poseviewer.app.workers.exporting import CONVERTED, OF_FRAMES
 from poseviewer.app.workers.tasks import Request, download, find_wheels_in_region
 from poseviewer.files.camera_trees import TREES
 from poseviewer.files.formats.conversion import METRES
@@ -294,16 +294,15 @@ def add_fitting(controls: Controls) -> None:
     _add_search(controls)
     several = {"visible": lambda s: len(s.document.scene.objects) > 1 and not s.is_searching}
     controls.action("search all", **several)
-    controls.action("keep", visible=_has_ended, color=None, icon="check")
-    controls.action("revert", visible=_has_ended, icon="x")
+    controls.actions("Result", "keep", "revert", visible=_has_ended)
     _add_hiding(controls)
-    _add_curve(controls)
     controls.action("compare", icon="arrows-diff", disabled=lambda s: s.is_searching)
     controls.text(memoize(lambda s: (s.comparison,), lambda s: ends_table(s.comparison)))
     takes = {name.capitalize(): take_end(index) for index, name in enumerate(LOSSES)}
     controls.choices("Take", takes, visible=lambda s: s.comparison is not None)
     with controls.gui.add_folder("Settings", expand_by_default=False):
         _add_settings(controls)
+    _add_curve(controls)  # last, as it is the highest: all that can be pressed is in sight
 
 
 def _add_curve(controls: Controls) -> None:
@@ -322,7 +321,7 @@ def _add_curve(controls: Controls) -> None:
         axes=({**axis, "size": 30}, {**axis, "size": 54}),  # pyright: ignore
         legend=uplot.Legend(show=False),
         title="best loss so far (vertical lines: restarts)",
-        height=150,
+        height=120,
         padding=(10, 26, 0, 0),
     )
 
@@ -432,6 +431,8 @@ def add_saving(controls: Controls) -> None:
     controls.download("Download pose", "pose")
     controls.download("Download overlay", "overlay", icon="photo-down")
     kind = controls.gui.add_dropdown("Format", tuple(CONVERTED))
+    of_frames = lambda s: (*(OF_FRAMES if s.document.scene.frames else ()), *CONVERTED)  # noqa: E731
+    controls.add(kind, options=of_frames)
     unit = controls.gui.add_dropdown("Model's unit", ("as it says", *METRES))
     controls.button(
         "Export as ...", lambda _, to: download(kind.value, to, unit.value), icon="share"

@@ -217,6 +217,7 @@ def _model(session: Session) -> Iterator[Drawing]:
         return  # it was drawn where the model was put first
     red, green, blue = colour = object_colour(overlay.request.document.object_id)
     faint = red * 7 // 12, green * 7 // 12, blue * 7 // 12  # than the outline
+    colour = colour if session.document.has_pose else faint
     yield Drawing("/model/halo", HALO, overlay.outline, None, HALO_COLOUR, 4.6)
     yield Drawing("/model/edges", EDGES, overlay.edges, None, faint, 1.0)
     yield Drawing(OUTLINE_NAME, OUTLINE, overlay.outline, None, colour)

@@ -9,16 +9,17 @@ from poseviewer.app.page.result import deviations_of
 from poseviewer.app.state import hiding as h
 from poseviewer.app.state.document import WHEELS, label_of, verdict_of
 from poseviewer.app.state.dragging import radius_in_photo
-from poseviewer.app.state.marking import MARKING, looks_like_car, pair_errors
+from poseviewer.app.state.marking import MARKING, pair_errors, pose_beside_wheels
 from poseviewer.app.state.objects import symmetry_text
 from poseviewer.app.state.searches import LossComparison
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.opening import has_demo_model
 from poseviewer.confidence.pose_covariance import short
 from poseviewer.files.mesh.size import size_words
-from poseviewer.geometry.camera import Parallel
+from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.starts.point_pairs import fewest_pairs
+from poseviewer.starts.wheels import LONGER_FOCALS
 from poseviewer.vehicle.wheel_pose import MIN_RIM_POINTS
 
 PREPARING = "Preparing the first picture ..."
@@ -80,6 +81,7 @@ ASSUMED_HINT = (
     "the focal length is assumed, and the distance with it &nbsp;·&nbsp; before you save: "
     "<b>Find the focal length</b>, at the left"
 )
+WHEELS_FOCAL = "The focal length is a rough guess by the wheels, and with it the distance"
 MARKING_HINT = " &nbsp;·&nbsp; drag a mark, double-click removes it &nbsp;·&nbsp; Esc: end"
 
 
@@ -175,9 +177,9 @@ def _not_found_hint(session: Session) -> str:
 
 def _what_helps(session: Session) -> str:
     """Say what helps to find the active object, which depends on its model."""
-    model = session.document.model
-    has_unknown_wheels = model.keypoints is None and looks_like_car(session.document.mesh)
-    return WHEELS_HINT if has_unknown_wheels else PLACE_HINT
+    document = session.document
+    is_car = pose_beside_wheels(document.mesh, document.pose.camera) is not None
+    return WHEELS_HINT if is_car and document.model.keypoints is None else PLACE_HINT
 
 
 def _has_first_size(session: Session) -> bool:
@@ -230,9 +232,13 @@ def proposals_text(session: Session) -> str:
 
 def focal_note(session: Session) -> str:
     """Warn of a focal length that is a guess (markdown); "": it is none."""
-    document = session.document
-    note = document.photo.focal_note(document.pose.camera).partition(":")[0]
-    return note and f"⚠ {note}."
+    photo, camera = session.document.photo, session.document.pose.camera
+    note, guess = photo.focal_note(camera), photo.default_camera()
+    if photo.focal_note(guess) and isinstance(camera, Perspective):
+        factor = camera.fx / guess.fx
+        is_of_wheels = any(math.isclose(factor, longer) for longer in LONGER_FOCALS)
+        note = WHEELS_FOCAL if is_of_wheels else note
+    return note and f"⚠ {note.partition(':')[0]}."
 
 
 def is_focal_length_wanted(session: Session) -> bool:
@@ -294,7 +300,9 @@ def search_text(session: Session) -> str:
 
 
 def _loss_text(session: Session) -> str:
-    """The loss at the pose on the pixels about it, and its search's own on others (markdown)."""
+    """The loss at the pose on the pixels about it, and where its search compared others (markdown):
+    a pose has one value.
+    """
     losses, result = session.results.losses, session.document.object.result
     if losses is None or losses.mean is None:
         return ""
@@ -308,8 +316,7 @@ def _loss_text(session: Session) -> str:
         return text
     has_occluders = any(mask is not None for mask in result.hidden)
     without = ", without what it took for something in front" if has_occluders else ""
-    pixels = f"the pixels that its search compared, about its start{without}"
-    return f"{text}  \nunexplained {own:.3f} on {pixels}"
+    return f"{text}  \nIts search compared other pixels: those about its start{without}."
 
 
 def _search_again_note(session: Session) -> str:
@@ -385,7 +392,8 @@ def ends_table(comparison: LossComparison | None) -> str:
     first, second = fits[:2]
     apart = pose_error(first.problem.mesh, second.pose, first.pose)
     return (
-        f"{table}\n\nThe ends lie {apart.reprojection_px:.1f} px apart ({apart.percent:.2g} % of "
-        f"the model's size in the photo), turned by {apart.rotation_deg:.2g}°. The outline of the "
-        "one that is not taken is pink."
+        f"{table}\n\nBoth on the pixels about the start. The ends lie "
+        f"{apart.reprojection_px:.1f} px apart ({apart.percent:.2g} % of the model's size in the "
+        f"photo), turned by {apart.rotation_deg:.2g}°. The outline of the one that is not taken "
+        "is pink."
     )

@@ -19,7 +19,7 @@ STATES = ("found", "placed", "none", "doubtful", "lost")
 """States of an object in a frame: the verdict, or placed by hand, or no pose; the worst last."""
 MAX_SEGMENTS = 2000
 """Parts into which the time line is divided; of several frames in one part, the worst is shown."""
-MAX_CURVE_POINTS = 400
+MAX_CURVE_POINTS = 300
 """Frames of the motion graph; of more, some are left out."""
 AXIS_COLOURS = "#ff6b6b", "#7ad151", "#5aa9ff"
 """Colours of x, y and z, by which most tools show axes."""
@@ -125,24 +125,34 @@ def _progress_text(session: Session) -> str:
 
 def _motion_graph(session: Session, box: str) -> str:
     """HTML of rotation and translation over the frames, with their standard deviations."""
-    document = session.document
-    scene, unit = document.scene, document.mesh.unit or "units"
-    frames, values, deviations = _motion(session)
-    if not len(frames):
-        return "<div>the graph comes with the first pose</div>"
-    drawn = ""
+    at = f'<path class="pv-here" d="M{session.document.scene.frame_index + 0.5} 0v1"/>'
+    drawn = (
+        f'<div class="pv-motion">{head}<svg {box}>{curves}{at}</svg></div>'
+        for head, curves in _curves(session)
+    )
+    return "".join(drawn) or "<div>the graph comes with the first pose</div>"
+
+
+def _draw_curves(session: Session) -> list[tuple[str, str]]:
+    """Heading (HTML) and SVG of the curves of rotation, and of translation."""
+    unit = session.document.mesh.unit or "units"
+    frames, values, deviations = _measure_motion(session)
+    drawn = []
     for name, part in (("rotation, °", slice(0, 3)), (f"translation, {unit}", slice(3, 6))):
         own, spread = values[:, part], deviations[:, part]
-        low, high = float((own - spread).min()), float((own + spread).max())
-        scale = 0.9 / max(high - low, 1e-9)
-        middle, half = 0.95 - scale * (own - low), scale * spread
-        curves = "".join(map(_curve, [frames] * 3, middle.T, half.T, AXIS_COLOURS))
-        at = f'<path class="pv-here" d="M{scene.frame_index + 0.5} 0v1"/>'
-        drawn += (
-            f'<div class="pv-motion"><span>{name}: {AXES}</span><span>{low:.3g} to {high:.3g}'
-            f"</span><svg {box}>{curves}{at}</svg></div>"
-        )
+        if len(frames):
+            low, high = float((own - spread).min()), float((own + spread).max())
+            scale = 0.9 / max(high - low, 1e-9)
+            middle, half = 0.95 - scale * (own - low), scale * spread
+            curves = "".join(map(_curve, [frames] * 3, middle.T, half.T, AXIS_COLOURS))
+            head = f"<span>{name}: {AXES}</span><span>{low:.3g} to {high:.3g}</span>"
+            drawn.append((head, curves))
     return drawn
+
+
+_curves = memoize(
+    lambda s: (s.document.scene.frames, s.document.object.id, s.document.mesh), _draw_curves
+)
 
 
 def _measure_motion(session: Session) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
@@ -152,28 +162,23 @@ def _measure_motion(session: Session) -> tuple[NDArray[np.intp], FloatArray, Flo
     document, object_id = session.document, session.document.object.id
     frames = enumerate(document.scene.frames)
     poses = [(i, frame.poses[object_id]) for i, frame in frames if object_id in frame.poses]
-    keys = [pose for _, pose in poses if pose.source == "key"]
-    step = max(1, -(-len(poses) // MAX_CURVE_POINTS))
-    values, deviations = np.zeros((2, len(poses[::step]), 6))
-    before = np.zeros(3)
-    for row, (_, pose) in enumerate(poses[::step]):
-        first = document.view.pose((keys or [poses[0][1]])[0].world_from_model)
-        about = PoseCovariance(first, document.mesh.centre, np.eye(6))
-        values[row] = about.deviation(document.view.pose(pose.world_from_model))[:6]
+    firsts = [*(p for _, p in poses if p.source == "key"), *(p for _, p in poses[:1])]
+    poses = poses[:: max(1, -(-len(poses) // MAX_CURVE_POINTS))]
+    values, deviations = np.zeros((2, len(poses), 6))
+    before, view = np.zeros(3), document.view
+    zero = [view.pose(p.world_from_model) for p in firsts[:1]]
+    about = [PoseCovariance(pose, document.mesh.centre, np.eye(6)) for pose in zero]
+    for row, (_, pose) in enumerate(poses):
+        values[row] = about[0].deviation(view.pose(pose.world_from_model))[:6]
         # Of the equal rotations, a full turn apart, the one nearest to the frame before.
         turn = values[row, :3]
         angle = float(np.linalg.norm(turn)) or 1.0
         turns = round(float((before - turn) @ turn) / (math.tau * angle))
         before = values[row, :3] = turn * (1.0 + turns * math.tau / angle)
-        sure = None if pose.result is None else pose.result.covariance
-        deviations[row] = 0.0 if sure is None else np.sqrt(np.diag(sure.matrix)[:6])
+        if pose.result is not None and pose.result.covariance is not None:
+            deviations[row] = np.sqrt(pose.result.covariance.matrix.diagonal()[:6])
     units = np.repeat([math.degrees(1.0), 1.0], 3)
-    return np.array([i for i, _ in poses[::step]], np.intp), units * values, units * deviations
-
-
-_motion = memoize(
-    lambda s: (s.document.scene.frames, s.document.mesh, s.document.view.camera), _measure_motion
-)
+    return np.array([i for i, _ in poses], np.intp), units * values, units * deviations
 
 
 def _curve(frames: NDArray[np.intp], middle: FloatArray, half: FloatArray, colour: str) -> str:

@@ -158,6 +158,14 @@ class Document:
         return self.scene.pose(self.active, self.view_index)
 
     @property
+    def has_pose(self) -> bool:
+        """Whether the active object has a pose, in a sequence one in the shown frame."""
+        scene, item = self.scene, self.object
+        return item.is_placed and (
+            not scene.frames or item.id in scene.frames[scene.frame_index].poses
+        )
+
+    @property
     def start(self) -> Pose:
         """The active object's start pose in the view, by the start's camera."""
         view = replace(self.view, camera=self.object.start_cameras[self.view_index])

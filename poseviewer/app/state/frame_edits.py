@@ -74,15 +74,18 @@ def frame_read(session: Session, index: int, file: PhotoFile | None) -> Session:
         return replace(session, wanted_frame=wanted)
     session = stop_search()(session)
     document = session.document.at_frame(index, file)
-    session = session.without_search(document.scene).with_new_view()
-    return replace(session, document=document, wanted_frame=wanted, comparison=None)
+    session = session.without_search(document.scene)
+    # What was drawn stays until it is drawn anew: nothing flickers while frames go by.
+    results = replace(session.results, landscapes=(), maps_note="")
+    shown = {"document": document, "wanted_frame": wanted, "results": results}
+    return replace(session, **shown, comparison=None)
 
 
 @edit
 def edit_frames(session: Session, what: FrameCommand) -> Session:
     """Propagate the active object's poses, clear them, or remove its key.
 
-    ``to`` goes out from the frame that is shown; ``between`` are the keys before and after it.
+    ``to`` goes out from the frame that is shown; ``between`` is between the keys beside it.
     """
     if what == "stop":
         return session.stop_propagating()
@@ -94,7 +97,6 @@ def edit_frames(session: Session, what: FrameCommand) -> Session:
         return session
     object_id, shown, end = document.object.id, scene.frame_index, len(scene.frames) - 1
     before, after = neighbouring_keys(scene, object_id, shown)
-    before, after = max(before, 0), min(after, end)
     match what:
         case "clear between":
             return _with_frames(session, remove_propagated(scene, object_id, before, after))
@@ -104,12 +106,12 @@ def edit_frames(session: Session, what: FrameCommand) -> Session:
             scene = remove_key(scene, document.active)
             return _with_frames(session, show_frame(scene, shown))
         case "to start":
-            return _propagate(session, 0, shown)
+            return _propagate(session, 0, shown - 1)
         case "to end":
-            return _propagate(session, shown, end)
+            return _propagate(session, shown + 1, end)
         case "to next key":
-            return _propagate(session, shown, after)
-    return _propagate(session, before, after)
+            return _propagate(session, shown + 1, after - 1)
+    return _propagate(session, before + 1, after - 1)
 
 
 def _with_frames(session: Session, scene: Scene) -> Session:
@@ -121,14 +123,15 @@ def _propagate(session: Session, first: int, last: int) -> Session:
     """Begin to propagate, as one undo step."""
     session = stop_search()(session).stop_proposing()
     document, scene = session.document, session.document.scene
-    object_id, label = document.object.id, label_of(document.object)
+    label = label_of(document.object)
     if session.preparation is not None and session.preparation.trouble:
         raise SettingsError(session.preparation.trouble)
     if document.object.locked:
         raise SettingsError(f"{label} is locked: {UNLOCK} to propagate its poses")
-    is_key = any(first <= key <= last for key in key_indices(scene, object_id))
-    if not (is_key or object_id in scene.frames[scene.frame_index].poses):
-        raise SettingsError(f"{label} has no pose in this frame; place it here first")
+    if not key_indices(scene, document.object.id):
+        raise SettingsError(f"{label} has no key: place it in a frame first")
+    if first > last:
+        raise SettingsError("there is no frame between: keys stay as they are")
     request = PropagationRequest(document, first, last)
     history = session.history.with_step(document)
     session = session.without_search(scene)

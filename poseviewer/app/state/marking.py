@@ -13,8 +13,9 @@ from poseviewer.app.state.edits import drag_edit, edit
 from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.camera import Camera, Perspective, Pose
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.transform import RigidTransform
 from poseviewer.starts.placing import surface_point
 from poseviewer.starts.point_pairs import (
     MIN_PAIRS_FOR_FOCAL,
@@ -24,6 +25,7 @@ from poseviewer.starts.point_pairs import (
     likeliest,
     poses_from_pairs,
 )
+from poseviewer.starts.views import look_along
 from poseviewer.starts.wheels import FoundWheels
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints, keypoints_from_side
 from poseviewer.vehicle.wheel_pose import MIN_RIM_POINTS, Wheels, poses_from_wheels
@@ -67,20 +69,24 @@ def hold_mark(session: Session, mark: int, start: FloatArray) -> Drag:
 
 
 @lru_cache(maxsize=4)
-def looks_like_car(mesh: Mesh) -> bool:
-    """Whether a mesh is long and stands, on its largest side, at its front and its rear alone."""
+def pose_beside_wheels(mesh: Mesh, camera: Camera) -> Pose | None:
+    """The pose in which a car is seen from one side; None: the mesh is not long, or does not stand,
+    on its largest side, at its front and its rear alone.
+    """
     low, high = mesh.bounds
     sides = np.maximum(high - low, 1e-300)
     height, width, length = np.argsort(sides)
     if sides[length] < MIN_ELONGATION * sides[width]:
-        return False
+        return None
     shares = (mesh.vertices - low) / sides
-    for heights in (shares[:, height], 1.0 - shares[:, height]):
+    for up, heights in ((1.0, shares[:, height]), (-1.0, 1.0 - shares[:, height])):
         lengths = shares[mesh.faces[(heights[mesh.faces] < CLEARANCE).any(axis=1)], length]
         is_rear, is_front = lengths.max(axis=1) < 0.4, lengths.min(axis=1) > 0.6
         if is_rear.any() and is_front.any() and np.all(is_rear | is_front):
-            return True
-    return False
+            rotation = look_along(np.eye(3)[width], up * np.eye(3)[height])
+            far = np.array([0.0, 0.0, 2.0 * mesh.diameter])
+            return Pose(camera, RigidTransform(rotation, far - rotation @ mesh.centre))
+    return None
 
 
 @edit

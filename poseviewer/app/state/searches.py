@@ -56,7 +56,7 @@ class PropagationRequest:
 
     start: Document
     first: int
-    """Index of the first frame; the propagation goes out from poses and keys in its range."""
+    """Index of the first frame that gets a pose, unless it has a key."""
     last: int
 
 

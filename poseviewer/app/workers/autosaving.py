@@ -45,7 +45,7 @@ class Autosaver:
     """
 
     def __init__(self, state: Path) -> None:
-        self._uploads = (state / "uploads").resolve()
+        self._state = state.resolve()
         self._written: dict[Path, tuple[object, ...]] = {}  # this session's files as it left them
         self._chosen: dict[Path, Path] = {}  # paths in place of the usual ones
         self._offered, self.offer = find_abandoned(state / "sessions") or (None, None)
@@ -57,7 +57,7 @@ class Autosaver:
             "autosave",
             self._to_keep,
             self._keeping,
-            period_s=lambda now: PERIOD_S if now.is_moving else 0,
+            period_s=lambda now: PERIOD_S if now.is_moving or now.is_propagating else 0,
         )
         """Autosaves the session after every change; a failure is reported once."""
 
@@ -127,7 +127,7 @@ class Autosaver:
             if is_alone(document):
                 save_pose_and_mask(path, pose_json(as_saved(scene)), scene.mask(0))
             else:
-                save_scene(path, copy_out(path, as_saved(scene), self._uploads))
+                save_scene(path, copy_out(path, as_saved(scene), self._state / "uploads"))
         except PoseViewerError:
             for file in replaced:
                 file.with_suffix(f"{file.suffix}.bak").replace(file)
@@ -144,15 +144,17 @@ class Autosaver:
         return self._chosen.get(usual, usual)
 
     def _usual_path(self, document: Document) -> Path:
-        """Path beside the photo; for uploads and the demo in the working directory."""
-        view = pose_file_view(document)
+        """Path beside the photo, or beside the folder of a sequence; for uploads and the demo in
+        the working directory.
+        """
+        view, is_sequence = pose_file_view(document), bool(document.scene.frames)
         ending = "pose.json" if is_alone(document) else "scene.json"
         path = document.scene.views[view].path
-        folder = Path.cwd() if path is None else path.resolve().parent
-        is_ours = folder.name in ("demo_files", "assets") or self._uploads in folder.parents
+        folder = Path.cwd() if path is None else path.resolve().parents[is_sequence]
+        is_ours = folder.name in ("demo_files", "assets") or self._state in folder.parents
         if is_ours or not os.access(folder, os.W_OK):
             folder = Path.cwd()
-        return folder / f"{stem_of(document, view)}.{ending}"
+        return folder / f"{stem_of(document, view, is_sequence)}.{ending}"
 
     def _to_keep(self, session: Session) -> Kept:
         self._is_adopted |= session.saved is None
@@ -186,7 +188,8 @@ def _times_on_disk(path: Path) -> list[int]:
 def _fingerprint(path: Path, document: Document) -> tuple[object, ...]:
     """Values that are equal while a file stays as it was written for a photo and a model."""
     scene = document.scene
-    return *_times_on_disk(path), scene.views[0].photo.sha256, scene.objects[0].model.sha256
+    photo = scene.frames[0].file.path if scene.frames else scene.views[0].photo.sha256
+    return *_times_on_disk(path), photo, scene.objects[0].model.sha256
 
 
 def _next_free(path: Path) -> Path:

@@ -1,6 +1,7 @@
 """Downloads of the app: pose files, pictures, maps."""
 
 from dataclasses import replace
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -19,6 +20,11 @@ from poseviewer.app.workers.maps import is_fine
 from poseviewer.errors import SettingsError
 from poseviewer.files.formats.conversion import METRES, ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
+from poseviewer.files.formats.sequence_export import (
+    SEQUENCE_FORMATS,
+    SequencePictures,
+    export_sequence,
+)
 from poseviewer.files.masks import mask_as_png, mask_path
 from poseviewer.files.pose import pose_bytes
 from poseviewer.files.scene_json import as_saved, pose_json
@@ -39,6 +45,10 @@ CONVERTED = {
     RELATIVE: ".relative.json",
 }
 """Endings of other tools' formats, pictures and relative poses; "": a folder."""
+OF_FRAMES = {f"all frames: {name}": name for name in SEQUENCE_FORMATS}
+"""Formats of a sequence, by the names of their downloads."""
+MAX_DOWNLOAD_BYTES = 1_000_000_000
+"""Limit of a download, which is in memory."""
 MAX_STEM_BYTES = 90
 """Bytes of a photo's and a model's name each: file systems take 255 in all."""
 
@@ -66,9 +76,12 @@ def pose_file_view(document: Document) -> int:
     return document.view_index if document.object.result is None else document.object.result.view
 
 
-def stem_of(document: Document, view: int) -> str:
-    """Stem of a pose's files: ``PHOTO.MODEL``, or ``PHOTO`` for several objects; safe and short."""
-    names = [document.scene.views[view].photo.name]
+def stem_of(document: Document, view: int, of_sequence: bool = False) -> str:
+    """Stem of a pose's files: ``PHOTO.MODEL``, or ``PHOTO`` for several objects; safe and short.
+    That of a sequence has the folder of its frames in place of the photo.
+    """
+    file = document.scene.views[view].file
+    names = [file.location.absolute().parent.name if of_sequence else file.photo.name]
     names += [document.model.name] * (len(document.scene.objects) == 1)
     stems = (safe_path(name).stem.encode() for name in names)
     return ".".join(stem[:MAX_STEM_BYTES].decode(errors="ignore") for stem in stems)
@@ -102,7 +115,7 @@ def export(
     document = session.document
     if what == RELATIVE:
         return _relative_poses(document)
-    if what in CONVERTED:
+    if what in {**CONVERTED, **OF_FRAMES}:
         notes = [] if notes is None else notes
         return _convert(what, session, unit if unit in METRES else None, notes)
     view = pose_file_view(document) if what == "pose" else document.view_index
@@ -138,29 +151,42 @@ def _convert(what: str, session: Session, unit: str | None, notes: list[str]) ->
     """Convert to one file, or a zip of several; for all objects if the format holds several."""
     document, scene = session.document, as_saved(scene_to_save(session))
     of_all = what not in FORMATS or FORMATS[what].several_objects
-    stem = _export_stem(document, document.view_index, of_all)
+    stem, kind = _export_stem(document, document.view_index, of_all), OF_FRAMES.get(what)
+    stem = stem if kind is None else stem_of(document, 0, of_sequence=True)
+    from poseviewer.figures.object_maps import (  # numba takes a quarter of a second
+        pictures_of_objects,
+        save_pictures,
+    )
+
     with TemporaryDirectory() as folder:
-        out = Path(folder, f"{stem}{CONVERTED[what]}")
-        if what in FORMATS:
+        out = Path(folder, f"{stem}{CONVERTED[what] if kind is None else SEQUENCE_FORMATS[kind]}")
+        if kind is not None:
+            renderers = {item.mesh: renderer_of(item.mesh).clone() for item in scene.objects}
+            pictures = SequencePictures(
+                lambda shown: api.Registration(shown, renderers).whole.picture("outline"),
+                partial(pictures_of_objects, masks_alone=True),
+            )
+            options = ConvertOptions(object_id=1, unit=unit, overwrite=True)
+            notes += export_sequence(kind, scene, out, options, pictures)[1]
+        elif what in FORMATS:
+            scene = replace(scene, frames=(), frame_index=0)
             if not FORMATS[what].several_objects:
                 scene = replace(scene, objects=(scene.objects[document.active],))
             options = ConvertOptions(image="0", object_id=1, unit=unit, overwrite=True)
             notes += FORMATS[what].convert(scene, out, options)[1]
         else:
-            from poseviewer.figures.object_maps import (  # numba takes a quarter of a second
-                pictures_of_objects,
-                save_pictures,
-            )
-
             save_pictures(out, pictures_of_objects(scene), overwrite=True)
         files = sorted(path for path in Path(folder).rglob("*") if path.is_file())
+        if sum(path.stat().st_size for path in files) > MAX_DOWNLOAD_BYTES:
+            found = f"these files have more than {MAX_DOWNLOAD_BYTES:,} bytes"
+            raise SettingsError(f"{found}; save the scene, and write them by poseviewer convert")
         if len(files) == 1:
             return {files[0].name: files[0].read_bytes()}
         memory = BytesIO()
         with ZipFile(memory, "w") as archive:
             for path in files:
                 archive.write(path, path.relative_to(folder))
-        return {f"{stem}.{what.partition(',')[0]}.zip": memory.getvalue()}
+        return {f"{stem}.{kind or what.partition(',')[0]}.zip": memory.getvalue()}
 
 
 def _relative_poses(document: Document) -> dict[str, bytes]:

@@ -170,7 +170,10 @@ def propose_and_fit(document: Document, watch: Callable[[], None]) -> Iterator[E
             return
         best = best_start(query, starts, renderer, watch).pose
         at_best = move_to(document, best).with_start_here
-        request = SearchRequest(at_best, (at_best.settings,), (at_best.active,))
+        settings = at_best.settings
+        if best.camera != document.pose.camera:  # a guess by wheels
+            settings = replace(settings, free_focal=True)
+        request = SearchRequest(at_best, (settings,), (at_best.active,))
         for progress in run_search(request):  # noqa: B007 - the last one is used
             watch()
         errors_px = [pose_error(document.mesh, best, s.pose).reprojection_px for s in starts]

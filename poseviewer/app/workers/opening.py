@@ -120,13 +120,15 @@ def open_file_set(
         model = models[0] if models else now.model.path
         if model is None:
             raise QuickStartError("A sequence without a model; drop both together.")
-        source = files.frames if len(files.frames) > 1 else files.frames[0]
         calibration = files.camera and Calibration(files.camera, None, lens_model)
-        document = open_files(load_sequence(source), model, files.pose, calibration)
+        document = open_files(load_sequence(files.frames), model, files.pose, calibration)
         return with_models(with_notes(document, files.notes), models[1:])
     document = replace(now, scene=replace(now.scene, notes=files.notes))
     photo = now.view.path if files.photo is None and files.camera is not None else files.photo
     if photo is not None:
+        if files.photo is None and now.scene.frames:
+            wanted = "drop its frames, the model and this file together"
+            raise QuickStartError(f"{photo.name} is a frame of a sequence of one camera; {wanted}.")
         calibration = None if files.camera is None else Calibration(files.camera, None, lens_model)
         document = open_photo(document, photo, calibration)
         if calibration is not None:
@@ -201,7 +203,8 @@ def open_photo(now: Document, path: Path, calibration: Calibration | None = None
         item = replace(item, in_views=in_views, is_placed=is_same and item.is_placed, result=None)
         objects.append(replace(item, world_from_model=world_from_model, **start))
     states = tuple(replace(state, marks={}) for state in now.states)
-    scene = replace(now.scene, views=(view,), objects=tuple(objects), free_scale=False)
+    still = {"free_scale": False, "frames": (), "frame_index": 0}
+    scene = replace(now.scene, views=(view,), objects=tuple(objects), **still)
     notes = notes_of(photo)
     if before.photo.undistortion is not None and calibration is None:
         distorted = "shown as taken, with its distortion; drop it with its file of cameras."

@@ -13,6 +13,7 @@ from poseviewer.app.state.display_edits import show_results
 from poseviewer.app.state.document import Document, reference_view
 from poseviewer.app.state.dragging import rotate
 from poseviewer.app.state.edits import Edit
+from poseviewer.app.state.marking import pose_beside_wheels
 from poseviewer.app.state.results import NO_LINES, LossReading, Overlay
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import for_one_thread
@@ -47,8 +48,8 @@ ALONE_MARGIN = 0.08
 """Share of that picture's sides left free."""
 ALONE_GROUND = (22, 24, 29)
 """RGB behind the model alone."""
-ModelPicture = tuple[Document, tuple[float, float, float]]
-"""Document, and rotation vector of its model from the pose."""
+ModelPicture = tuple[Document, tuple[float, float, float], bool]
+"""Document, rotation vector of its model, and whether wheels are to be seen from the side."""
 _cached_pixels = lru_cache(maxsize=1)(Photo.as_rgb8)
 _cached_sketch = lru_cache(maxsize=1)(Sketch)
 
@@ -211,15 +212,17 @@ def picturing(notify: Callable[[], None]) -> Worker[ModelPicture, Edit]:
 
     def request_of(session: Session) -> ModelPicture | None:
         is_wanted = session.shows_model and session.preparation is None
-        turn = session.display.model_turn
-        return (session.document, turn) if is_wanted and not session.is_moving else None
+        if not is_wanted or session.is_moving:
+            return None
+        return session.document, session.display.model_turn, session.tool == "wheels"
 
     def make(request: ModelPicture) -> Iterator[Edit]:
-        document, turn = request
+        document, turn, is_for_wheels = request
         photo, mesh = document.photo, document.mesh
         whole = Rectangle(0.0, 0.0, photo.width, photo.height)
         factor = min(1.0, ALONE_PX / max(photo.width, photo.height))
-        pose = rotate(document.pose, mesh.centre, turn)
+        beside = pose_beside_wheels(mesh, document.pose.camera) if is_for_wheels else None
+        pose = rotate(beside or document.pose, mesh.centre, turn)
         pose = fit_into_rectangle(pose, mesh, whole.expand(-ALONE_MARGIN)).rescale(factor)
         ground = np.full((pose.camera.height, pose.camera.width, 3), ALONE_GROUND, np.uint8)
         view = ModelInPhoto(ground, mesh, renderer(mesh), pose, opacity=1.0)

@@ -15,7 +15,7 @@ from poseviewer.app.state.marking import lay_wheels
 from poseviewer.app.state.objects import add_object
 from poseviewer.app.state.pointer_edits import set_tool
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.exporting import Export, export
+from poseviewer.app.workers.exporting import OF_FRAMES, Export, export
 from poseviewer.app.workers.opening import has_demo_model, open_autosaved, open_file_set
 from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import FileSetError, QuickStartError
@@ -156,7 +156,7 @@ def restore(autosave: AutosavedSession) -> QueuedTask:
 
 def download(what: Export, client: int, unit: str = "") -> QueuedTask:
     """Make files of the session for a page; ``unit`` overrides the model's."""
-    working = "Drawing ..." if what in ("overlay", "sheet") else ""
+    working = "Drawing ..." if what in ("overlay", "sheet", *OF_FRAMES) else ""
 
     def run(now: Session, _: Path) -> TaskResult:
         notes: list[str] = []

@@ -13,7 +13,6 @@ from poseviewer.app.workers.worker import Worker
 from poseviewer.fit.propagation import FrameStep, propagate
 from poseviewer.render.pool import processors
 from poseviewer.scene.assets import PhotoFile
-from poseviewer.scene.frames import remove_propagated
 
 MAX_PHOTOS = 8
 """Photos of frames that are kept in memory: one steps to and fro."""
@@ -64,15 +63,11 @@ def tracking(notify: Callable[[], None]) -> Worker[PropagationRequest, Edit]:
 
 
 def track_edits(request: PropagationRequest) -> Iterator[Edit]:
-    """Propagate; poses that were propagated before, within the range, lead to none."""
-    start, shown = request.start, request.start.scene.frame_index
-    scene, active = start.scene, start.active
-    for first, last in ((request.first, shown - 1), (shown + 1, request.last)):
-        scene = remove_propagated(scene, start.object.id, first, last)
-    renderer = renderer_of(start.mesh, start.settings.renderer).clone()
-    steps: list[FrameStep] = []
-    ends = request.first, request.last, [active], processors()
-    for step in propagate(scene, {active: renderer}, *ends):
+    """Propagate the active object's poses."""
+    start, steps = request.start, list[FrameStep]()
+    renderers = {start.active: renderer_of(start.mesh, start.settings.renderer).clone()}
+    ends = request.first, request.last, [start.active], processors()
+    for step in propagate(start.scene, renderers, *ends):
         steps.append(step)
         yield propagation_advanced(request, steps)
     yield propagation_advanced(request, steps, is_over=True)

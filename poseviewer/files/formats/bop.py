@@ -21,7 +21,7 @@ from poseviewer.files.formats import conversion as c
 from poseviewer.files.scene_assets import model_file, view_of_file
 from poseviewer.files.structs import check_camera
 from poseviewer.files.writing import make_folder, write_whole
-from poseviewer.geometry.camera import Perspective
+from poseviewer.geometry.camera import Camera, Perspective
 from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.geometry.transform import RigidTransform, Similarity
 from poseviewer.scene.types import Scene, SceneObject
@@ -81,14 +81,14 @@ def write_bop(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) -> c.
     for index, view in enumerate(scene.views):
         image = str(image_number(scene, options, index))
         camera = c.perspective_of(view.camera, "BOP")
-        entries = [_entry(scene, number, index, options) for number in range(len(scene.objects))]
+        entries = [pose_entry(scene, i, index, options) for i in range(len(scene.objects))]
         if len(scene.objects) > 1:
             if image in poses and not options.overwrite:
                 wanted = "name another with --image NUMBER, or add --overwrite"
                 raise in_poses.error(f"image {image} is there already and was not touched", wanted)
             cameras.pop(image, None)
             poses.pop(image, None)
-        new = {"cam_K": opencv_matrix(camera).reshape(-1).tolist(), "depth_scale": 1.0}
+        new = camera_entry(camera)
         there = in_cameras.object(cameras.setdefault(image, new), f"image {image}")
         known = camera_of_matrix(in_cameras, there.get("cam_K"), f"{image}.cam_K")
         if not same_intrinsics(known, camera):
@@ -189,7 +189,24 @@ def same_intrinsics(one: Perspective, other: Perspective) -> bool:
     return bool(np.allclose(*numbers, rtol=SAME, atol=SAME))
 
 
-def _entry(scene: Scene, index: int, view: int, options: c.ConvertOptions) -> dict[str, Any]:
+def camera_entry(camera: Camera) -> dict[str, Any]:
+    """Return the entry of an image in ``scene_camera.json``."""
+    matrix = opencv_matrix(c.perspective_of(camera, "BOP"))
+    return {"cam_K": matrix.reshape(-1).tolist(), "depth_scale": 1.0}
+
+
+def pose_entry(scene: Scene, index: int, view: int, options: c.ConvertOptions) -> dict[str, Any]:
+    """Return the entry of an object's pose in ``scene_gt.json``.
+
+    Args:
+        scene: views and objects.
+        index: of the object.
+        view: index of the view.
+        options: the object's number and the models' unit, where the scene does not say them.
+
+    Raises:
+        PoseFileError: neither says them.
+    """
     item, given = scene.objects[index], options.object_id
     factor = options.lengths_in(UNIT, scene, "BOP")
     place = scene.pose(index, view).camera_from_model

@@ -305,14 +305,19 @@ def from_4x4(file: InputFile, values: Any, what: str) -> RigidTransform:
     return RigidTransform(repair_rotation(file, matrix[:3, :3]), matrix[:3, 3])
 
 
-def in_one_world(scene: Scene) -> tuple[list[FloatArray], list[Pose]]:
+def in_one_world(scene: Scene, of_camera: bool = False) -> tuple[list[FloatArray], list[Pose]]:
     """Return world from model (4, 4) for each object, and each view's camera from the world.
 
-    The world is the model's frame or, with several objects, the first camera's with OpenGL's axes;
-    lengths are in the models' unit.
+    The world is the model's frame or, with several objects or ``of_camera``, the first camera's
+    with OpenGL's axes; lengths are in the models' unit.
     """
-    if len(scene.objects) == 1:
+    if len(scene.objects) == 1 and not of_camera:
         return [np.eye(4)], [scene.pose(0, view) for view in range(len(scene.views))]
+    return places_by_camera(scene), [Pose(scene.views[0].camera, OPENGL_FROM_OPENCV.inverse())]
+
+
+def places_by_camera(scene: Scene) -> list[FloatArray]:
+    """Return each object's (4, 4) in the first camera's frame with OpenGL's axes."""
     camera, places = scene.views[0].camera, []
     for index in range(len(scene.objects)):
         pose, ratio = scene.pose(index), 1.0
@@ -321,7 +326,7 @@ def in_one_world(scene: Scene) -> tuple[list[FloatArray], list[Pose]]:
         place = Similarity(OPENGL_FROM_OPENCV @ pose.camera_from_model, ratio).as_matrix()
         place[:2, 3] *= ratio
         places.append(place)
-    return places, [Pose(camera, OPENGL_FROM_OPENCV.inverse())]
+    return places
 
 
 def perspective_of(camera: Camera, tool: str) -> Perspective:

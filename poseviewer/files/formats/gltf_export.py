@@ -8,13 +8,16 @@ linear colours in 8 bits and knows neither orthographic cameras nor materials wi
 import json
 import math
 import struct
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import PoseFileError
 from poseviewer.files.checks import MAX_DATA_BYTES, InputFile
@@ -41,9 +44,18 @@ VERTICES = 34962
 INDICES = 34963
 
 
+class Track(NamedTuple):
+    """The motion of an object."""
+
+    times_s: list[float]
+    places: list[FloatArray]
+    """World from model, (4, 4) each."""
+
+
 def write_gltf_scene(
-    scene: Scene, out: Path, options: c.ConvertOptions, notes: list[str]
-) -> dict[Path, bytes]:
+    scene: Scene, out: Path, options: c.ConvertOptions, notes: list[str],
+    tracks: Sequence[Track] = (),
+) -> dict[Path, bytes]:  # fmt: skip
     """Write a GLB file of models and cameras ``in_one_world``.
 
     Args:
@@ -51,17 +63,20 @@ def write_gltf_scene(
         out: GLB file.
         options: unit of the models.
         notes: list for notes to the user.
+        tracks: motion of each object before the first camera; empty: they stand still.
     """
     if out.suffix.lower() != ".glb":
         raise PoseFileError(f"{out.name}: binary glTF files end in .glb; name it so.")
-    unit, (places, poses) = options.unit_of(scene), c.in_one_world(scene)
+    unit, (places, poses) = options.unit_of(scene), c.in_one_world(scene, bool(tracks))
     scale = 1.0 if unit is None else c.metres_per_unit(unit)
     paths = [c.require_file(item.model.location, "model", "glTF") for item in scene.objects]
     meshes = {path: load_mesh(path) for path in dict.fromkeys(paths)}
-    corners = [
-        meshes[path].vertices @ place[:3, :3].T + place[:3, 3]
-        for path, place in zip(paths, places, strict=True)
-    ]
+    motions = [track.places for track in tracks] or [[place] for place in places]
+    corners = list[FloatArray]()
+    for path, own in zip(paths, motions, strict=True):
+        mesh = meshes[path]
+        shape = np.array([*product(*mesh.bounds.T)]) if tracks else mesh.vertices
+        corners += [shape @ place[:3, :3].T + place[:3, 3] for place in own]
     points, file = np.concatenate(corners), _Glb(scale)
     index = {path: file.add_mesh(mesh) for path, mesh in meshes.items()}
     models = []
@@ -69,7 +84,10 @@ def write_gltf_scene(
         model = item.model.location
         moved = place @ RigidTransform(np.eye(3), _origin(meshes[model])).as_matrix()
         matrix = moved.T.ravel().tolist()
-        models.append(file.add("nodes", name=item.label, mesh=index[model], matrix=matrix))
+        where = {} if tracks else {"matrix": matrix}
+        models.append(file.add("nodes", name=item.label, mesh=index[model], **where))
+    for node, track, path in zip(models, tracks, paths, strict=False):
+        file.animate(node, track, _origin(meshes[path]))
     nodes = [file.add("nodes", name="models", scale=[scale] * 3, children=models)]
     placed = [_before(pose, points) for pose in poses]
     names = ["photo", *(view.file.location.name or "another photo" for view in scene.views[1:])]
@@ -123,13 +141,14 @@ class _Glb:
         self.data.extend(content)
         return self.add("bufferViews", buffer=0, byteOffset=start, byteLength=len(content), **more)
 
-    def add_array(self, values: NDArray, indices: bool = False) -> int:
-        """An accessor of floats (N, 2), (N, 3), or of indices (N,)."""
+    def add_array(self, values: NDArray, indices: bool = False, is_shape: bool = True) -> int:
+        """An accessor of floats (N,), (N, 2) to (N, 4), or of indices (N,)."""
         values = np.ascontiguousarray(values, "<u4" if indices else "<f4")
         low, high = (np.atleast_1d(f(values, axis=0)).tolist() for f in (np.min, np.max))
+        of_view = {"target": INDICES if indices else VERTICES} if is_shape else {}
         return self.add(
             "accessors",
-            bufferView=self._add_view(values.tobytes(), target=INDICES if indices else VERTICES),
+            bufferView=self._add_view(values.tobytes(), **of_view),
             componentType=UNSIGNED if indices else FLOAT, count=len(values),
             type=f"VEC{values.shape[1]}" if values.ndim > 1 else "SCALAR", min=low, max=high,
         )  # fmt: skip
@@ -161,6 +180,28 @@ class _Glb:
                 "material": self.add("materials", **material),
             })  # fmt: skip
         return self.add("meshes", name=unlit or "model", primitives=primitives)
+
+    def animate(self, node: int, track: Track, origin: FloatArray) -> None:
+        """Move a node, whose mesh is about ``origin``, along a track from its first place on."""
+        places = np.array(track.places)
+        sizes = np.cbrt(np.linalg.det(places[:, :3, :3]))
+        turns = Rotation.from_matrix(places[:, :3, :3] / sizes[:, None, None]).as_quat()
+        along = np.sum(turns[1:] * turns[:-1], axis=1)  # below 0 a player would turn the long way
+        turns[1:] *= np.cumprod(np.where(along < 0.0, -1.0, 1.0))[:, None]
+        values = {
+            "translation": places[:, :3, :3] @ origin + places[:, :3, 3], "rotation": turns,
+            "scale": np.repeat(sizes[:, None], 3, axis=1),
+        }  # fmt: skip
+        self.document["nodes"][node] |= {name: own[0].tolist() for name, own in values.items()}
+        times = self.add_array(np.array(track.times_s), is_shape=False)
+        if "animations" not in self.document:
+            self.add("animations", name="sequence", channels=[], samplers=[])
+        animation = self.document["animations"][0]
+        for name, own in values.items():
+            target = {"sampler": len(animation["samplers"]), "target": {"node": node, "path": name}}
+            output = self.add_array(own, is_shape=False)
+            animation["samplers"].append({"input": times, "output": output})
+            animation["channels"].append(target)
 
     def add_camera(self, name: str, pose: Pose, far: float) -> int:
         """Add the camera of a pose that sees up to a depth; returns the index of its node."""

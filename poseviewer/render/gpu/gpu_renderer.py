@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -84,6 +84,11 @@ class GpuRenderer(SoftwareRenderer):
     def cull(self, pose: Pose) -> GpuRenderer:
         """Clone: uploading another model takes longer than drawing hidden faces."""
         del pose
+        return self.clone()
+
+    def cull_unseen(self, poses: Iterable[Pose]) -> GpuRenderer:
+        """Clone, as ``cull`` does."""
+        del poses
         return self.clone()
 
     @property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from itertools import product
 from typing import Any
@@ -60,6 +60,11 @@ class SoftwareRenderer(Renderer):
         return self._with(
             make_surface(self.mesh, self._surface.order[~self._find_hidden_faces(pose)])
         )
+
+    def cull_unseen(self, poses: Iterable[Pose]) -> SoftwareRenderer:
+        """Return a renderer without the faces that none of some poses shows."""
+        seen = self._find_seen_faces(poses)
+        return self._with(make_surface(self.mesh, self._surface.order[seen if seen.any() else ...]))
 
     def decimate(self, faces: int) -> SoftwareRenderer:
         """Return a renderer of the model with at most this number of triangles, or as it is."""
@@ -211,10 +216,17 @@ class SoftwareRenderer(Renderer):
 
     def _outer_faces(self) -> NDArray[np.bool_]:
         """Find the mesh's faces (F,) that others do not hide all around."""
-        seen = np.zeros(len(self.mesh.faces), bool)
-        for pose in _views_around(self.mesh):
-            self._rasterise(pose)
-            seen[self._surface.order[self._ids[self._ids >= 0]]] = True
+        outer = np.zeros(len(self.mesh.faces), bool)
+        outer[self._surface.order[self._find_seen_faces(_views_around(self.mesh))]] = True
+        return outer
+
+    def _find_seen_faces(self, poses: Iterable[Pose]) -> NDArray[np.bool_]:
+        """Find the surface's faces (F,) that at least one pose shows."""
+        seen = np.zeros(len(self._surface.faces), bool)
+        for pose in poses:
+            left, top, right, bottom = self._rasterise(pose)
+            ids = self._ids[top:bottom, left:right]
+            seen[ids[ids >= 0]] = True
         return seen
 
 

@@ -5,7 +5,7 @@ import html
 import json
 import re
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +35,7 @@ from poseviewer.app.workers.exporting import scene_to_save
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.files.scene_json import as_saved, pose_json
 from poseviewer.fit.loss import LossScale, Unexplained
+from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import SearchResult
 from tests.app.state import edits as c
 from tests.app.state.documents import PERSPECTIVE, after, held, make_photo, make_session
@@ -48,6 +49,8 @@ def test_a_focal_length_that_is_a_guess_is_said_in_the_panel_and_in_the_file():
         assert ("is assumed" in focal_note(session)) == guessed
         notes = pose_json(as_saved(scene_to_save(session))).notes
         assert any("is assumed" in note for note in notes) == guessed
+    by_wheels = replace(assumed, fx=4.2 * assumed.fx, fy=4.2 * assumed.fy)
+    assert "rough guess by the wheels" in focal_note(make_session(by_wheels))
 
 
 @pytest.mark.parametrize(
@@ -121,7 +124,7 @@ def test_what_is_said_of_a_pose_that_moves_is_said_to_be_coarse():
         assert search_text(moved) == "**unexplained about 1.000** at this pose"
 
 
-def test_the_searchs_own_value_stands_beside_that_of_the_pose():
+def test_a_pose_has_one_value_and_a_search_by_other_pixels_is_said():
     """What is compared about the pose is not what the search compared about its start."""
     session = make_session()
     scale = LossScale(3, 3, True)
@@ -136,7 +139,7 @@ def test_the_searchs_own_value_stands_beside_that_of_the_pose():
         first, *more = search_text(found).splitlines()
         assert first.rstrip() == "**unexplained 1.000** at this pose"
         assert len(more) == bool(words)
-        assert all(f"{unexplained:.3f} on the pixels" in line for line in more)
+        assert all("other pixels" in line and "0." not in line for line in more)
         assert all(words in line for line in more)
 
 
@@ -157,8 +160,8 @@ def test_size_and_origin_are_last_among_the_notes():
     assert "its origin lies" in last
 
 
-def options_in_sentences() -> Iterator[str]:
-    """Every text of the package with an option of the command line, but for its commands' own."""
+def sentences_with(pattern: str) -> Iterator[str]:
+    """Every text of the package with a pattern, but for those of its commands."""
     package = Path(poseviewer.__file__).parent
     for path in package.rglob("*.py"):
         if path.relative_to(package).parts[0] in ("cli", "evaluation", "batch", "cluster.py"):
@@ -173,12 +176,12 @@ def options_in_sentences() -> Iterator[str]:
             else:
                 texts = [getattr(piece, "value", "x") for piece in getattr(node, "values", ())]
             text = "".join(one if isinstance(one, str) else "x" for one in texts)
-            if re.search(r"(?<![\w-])--[a-z]", text):
+            if " " in text and re.search(pattern, text):
                 yield text
 
 
 def test_no_sentence_on_the_page_names_an_option_of_the_command_line():
-    texts = list(options_in_sentences())
+    texts = list(sentences_with(r"(?<![\w-])--[a-z]"))
     assert len(texts) > 30
     for text in texts:
         assert "--" not in on_page(text), text
@@ -191,6 +194,19 @@ def test_no_sentence_on_the_page_names_an_option_of_the_command_line():
     )
     for name in ("a--b.png", "car (v--2).glb", "50%.jpg", "-- b.png"):
         assert on_page(f"{name}: no photo") == f"{name}: no photo"
+
+
+def test_no_sentence_on_the_page_names_a_setting_of_the_library():
+    names = [field.name for field in fields(FitSettings)]
+    free = "|".join(name for name in names if name.startswith("free_"))
+    pattern = rf'(?<!\w)(({"|".join(names)})="|({free})(?!\w))|\(setting '
+    texts = list(sentences_with(pattern))
+    assert len(texts) > 8
+    for text in texts:
+        assert not re.search(pattern, on_page(text)), text
+    assert on_page('take wheels; or use chart="free-body"') == (
+        'take wheels; or use "Parameters: free-body"'
+    )
 
 
 def test_a_share_has_one_form():

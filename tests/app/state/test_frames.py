@@ -187,7 +187,7 @@ def test_propagated_poses_are_cleared_and_keys_removed():
 
 @pytest.mark.parametrize(
     ("what", "first", "last"),
-    [("to start", 0, 2), ("to next key", 2, 4), ("to end", 2, COUNT - 1), ("between keys", 0, 4)],
+    [("to start", 0, 1), ("to next key", 3, 3), ("to end", 3, COUNT - 1), ("between keys", 1, 3)],
 )
 def test_a_propagation_has_its_range(what, first: int, last: int):
     session = after(shown_at(mended(), 2), edit_frames(what))
@@ -230,7 +230,8 @@ def test_a_drag_and_escape_stop_a_propagation(stop: Edit):
 
 def test_what_cannot_be_propagated_is_said():
     session = make_frames_session()
-    assert "no pose in this frame" in refused(session, edit_frames("to end"))
+    assert "has no key" in refused(session, edit_frames("to end"))
+    assert "no frame between" in refused(after(session, RIGHT), edit_frames("to start"))
     locked = session.document.with_object(locked=True)
     assert "locked" in refused(replace(session, document=locked), edit_frames("to end"))
 
@@ -266,4 +267,4 @@ def test_undo_reaches_through_many_frames_and_keeps_no_photos():
     assert len(session.history.past) == COUNT > MAX_OPENED
     for document in session.history.past:
         assert "photo" not in vars(document.view.file)
-    assert after(session, undo(), undo()).document.photo.name == "0007.png"
+    assert after(session, undo(), undo()).document.photo.name == f"{COUNT - 2:04d}.png"

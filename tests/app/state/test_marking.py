@@ -6,15 +6,15 @@ from functools import reduce
 import numpy as np
 import pytest
 
-from poseviewer.app.page.handles import model_html
+from poseviewer.app.page.handles import DIAMOND, handles_of, model_html
 from poseviewer.app.page.texts import hint_of
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.marking import (
     clear_marks,
     lay_wheels,
-    looks_like_car,
     mark_model,
     pair_errors,
+    pose_beside_wheels,
     remark_wheels,
     remove_mark,
     turn_model,
@@ -182,10 +182,16 @@ def test_a_car_is_known_by_what_it_stands_on():
     car = reduce(merged, wheels, make_box((4.0, 1.7, 1.1)))
     turned = replace(car, vertices=-car.vertices[:, [1, 2, 0]])
     short = replace(car, vertices=car.vertices * np.array([0.5, 1.0, 1.0]))
-    meshes = car, turned, load_model(demo_case().model).mesh
-    assert all(map(looks_like_car, meshes))
-    others = short, CAR, make_bumpy(2), make_box((4.0, 1.7, 0.0))
-    assert not any(map(looks_like_car, others))
+    for mesh in (car, turned, load_model(demo_case().model).mesh):
+        beside = pose_beside_wheels(mesh, PERSPECTIVE)
+        assert beside is not None  # and the wheels are at its lower border, left and right
+        low = beside.project(mesh.vertices)
+        low = low[low[:, 1] > np.max(low[:, 1]) - 1.0][:, 0] - beside.project(mesh.centre)[0]
+        assert low.min() < -5.0
+        assert low.max() > 5.0
+        assert np.abs(low).min() > 5.0
+    for mesh in (short, CAR, make_bumpy(2), make_box((4.0, 1.7, 0.0))):
+        assert pose_beside_wheels(mesh, PERSPECTIVE) is None
 
 
 def test_once_its_wheels_are_marked_a_car_without_a_pose_is_looked_for():
@@ -197,6 +203,7 @@ def test_once_its_wheels_are_marked_a_car_without_a_pose_is_looked_for():
         session = drawn_beside(after(opened, c.set_tool("wheels")), seen)
         half = after(session, press_beside(seen.project(wanted.left.rear_wheel)))
         assert not half.is_proposing
+        assert (DIAMOND in handles_of(half)) is is_placed  # else the model is nowhere in the photo
         marked = after(half, press_beside(seen.project(wanted.left.front_wheel)))
         assert marked.is_proposing is not is_placed
         assert ("looking for the wheels" in hint_of(marked)) is not is_placed

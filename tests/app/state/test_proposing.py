@@ -3,9 +3,11 @@
 import json
 from dataclasses import replace
 from html import escape
+from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from poseviewer.app.page.above_steps import loss_bar
 from poseviewer.app.page.handles import handles_of, path_of
@@ -28,8 +30,9 @@ from poseviewer.app.workers.jobs import propose_and_fit as made
 from poseviewer.app.workers.opening import open_files
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.files.demo import demo_case
+from poseviewer.files.photo import load_photo
 from poseviewer.files.scene_assets import load_model
-from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.scene.assets import ModelFile
@@ -239,6 +242,19 @@ def edits(scene) -> tuple[Session, list[Edit]]:
     document = open_files(scene.photo, scene.model, None)
     session = Session(document.with_in_view(region=Rectangle(0, 0, 160, 120))).with_first_proposals
     return session, list(made(session.document, lambda: None))
+
+
+@pytest.mark.slow
+def test_a_focal_length_that_wheels_guess_is_searched_for(tmp_path: Path):
+    demo, photo = demo_case(), tmp_path / "photo.jpg"
+    Image.open(demo.photo).save(photo, quality=95)  # without EXIF
+    document = open_files(photo, demo.model, None)
+    session = Session(document).with_first_proposals
+    found = after(session, *made(document, lambda: None))
+    camera = found.document.pose.camera
+    assert isinstance(camera, Perspective)
+    assert camera.fx == pytest.approx(load_photo(demo.photo).default_camera().fx, rel=0.1)
+    assert found.document.settings == document.settings
 
 
 @pytest.mark.slow

@@ -56,6 +56,20 @@ def undistorted(scene: Scene, calibration: Calibration) -> Document:
     return open_files(scene.photo, scene.model, scene.start, calibration)
 
 
+def test_frames_that_are_dropped_are_a_sequence_of_the_open_model(scene, plain, calibration):
+    folder = calibration.path.parent
+    names = [folder / f"{number}.png" for number in (1, 2)]
+    for name in names:
+        name.write_bytes(scene.photo.read_bytes())
+    opened = open_file_set(plain, sort_set([*names, calibration.path]), [])
+    assert [frame.file.name for frame in opened.scene.frames] == ["1.png", "2.png"]
+    assert opened.model.path == scene.model
+    assert not opened.object.is_placed
+    assert opened.photo.undistortion is not None
+    restored = open_autosaved(make_autosave(opened))
+    assert [frame.file.path for frame in restored.scene.frames] == names
+
+
 def test_an_undistorted_photo_stays_so_in_files_and_sessions(
     scene: Scene, calibration: Calibration, plain: Document, undistorted: Document, tmp_path: Path
 ) -> None:

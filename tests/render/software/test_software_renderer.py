@@ -197,3 +197,17 @@ def test_of_two_faces_at_the_same_depth_the_same_one_is_always_seen():
     renderer, random = SoftwareRenderer(merged(mesh, mesh)), np.random.default_rng(1)
     for _ in range(10):
         assert renderer.render(random_pose(random, False)).face_ids.max() < len(mesh.faces)
+
+
+@pytest.mark.parametrize("parallel", [False, True])
+def test_what_one_of_some_poses_shows_is_not_culled(parallel):
+    random = np.random.default_rng(0)
+    poses = [random_pose(random, parallel) for _ in range(6)]
+    culled = NESTED.cull_unseen(poses)
+    assert len(culled._surface.faces) <= len(SHAPE.faces)
+    for pose in poses:
+        assert np.array_equal(culled.render(pose).face_ids, NESTED.render(pose).face_ids)
+    away = replace(poses[0], camera=replace(poses[0].camera, cx=-1e4))
+    for pose in poses:  # what shows nothing culls nothing
+        shown = NESTED.cull_unseen([away]).render(pose)
+        assert np.array_equal(shown.face_ids, NESTED.render(pose).face_ids)
