@@ -19,7 +19,7 @@ import numpy as np
 from msgspec import structs
 
 from poseviewer.confidence.pose_covariance import PoseCovariance, region_reach
-from poseviewer.confidence.verdict import MIN_VISIBLE_FRACTION, Features
+from poseviewer.confidence.verdict import MIN_VISIBLE_FRACTION, Features, Verdict
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.covariance import SPREAD, VISIBLE_POWER
 from poseviewer.fit.judge import judge_end
@@ -31,6 +31,7 @@ from poseviewer.fit.search import with_end
 from poseviewer.fit.stages import MIN_STRUCTURE_PIXELS, PAPER_LOSS_PER_LOSS
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.optimise import cma_es, quadratic
@@ -41,7 +42,7 @@ from poseviewer.render.attributes import Renderer
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import Level, coarsest_level, lighter_level, visible_fraction
 from poseviewer.scene.frames import key_indices, neighbouring_keys, show_frame
-from poseviewer.scene.types import FramePose, Scene
+from poseviewer.scene.types import FramePose, Scene, SearchResult
 
 FIRST_DEVIATION = 0.06
 """Standard deviation of a step at unknown velocity, in radians and in radii of the model."""
@@ -66,6 +67,8 @@ PROBE_EVERY = 6
 """Frames from one full verdict to the next, if the pose stays as good as it was there."""
 DOUBT = 0.1
 """Change of visible fraction, of edge support and of the loss's third that asks for a full one."""
+OF_KEY = SearchResult(verdict=Verdict("found", 1.0))
+"""Result of a key that was not searched for: its user vouches for it, so it hides others."""
 MAX_DOUBTFUL = 5
 """Doubtful poses in a row that a track survives."""
 JUMP_PERCENT = 1.0
@@ -212,6 +215,11 @@ class _Chain:
         self._scene, self._ends = scene, ends
         self._renderers, self._threads = renderers, threads
         self._chosen = chosen
+        times = [frame.time_s for frame in scene.frames]
+        is_known = all(b is not None and a is not None and a < b for a, b in pairwise(times))
+        self._times = (
+            [float(t or 0.0) for t in times] if is_known else [*map(float, range(len(times)))]
+        )
         self._tracks: dict[int, _Track] = {}
         self._forwards: dict[tuple[int, int], FramePose] = {}
         """Poses of the way forwards, by object and frame."""
@@ -227,24 +235,25 @@ class _Chain:
                 item, track = self._scene.objects[index], self._tracks.get(index)
                 known = self._scene.frames[frame_index].poses.get(item.id)
                 if known and (known.source == "key" or (is_begin and not known.is_stale)):
-                    at = self._scene.views[0].pose(known.world_from_model), self._time(frame_index)
+                    at = self._scene.views[0].pose(known.world_from_model), self._times[frame_index]
                     self._tracks[index] = track.follow(*at) if track else _Track(item.mesh, *at)
                 elif track is not None:
                     due.append(index)
             if due:
                 yield self._step(frame_index, due, frames.step > 0)
 
-    def _time(self, frame_index: int) -> float:
-        time = self._scene.frames[frame_index].time_s
-        return float(frame_index) if time is None else time
-
     def _step(self, frame_index: int, due: Sequence[int], is_forwards: bool) -> FrameStep:
         """Search for the objects that are ``due`` in a frame, the nearest first."""
-        scene, time = show_frame(self._scene, frame_index), self._time(frame_index)
+        scene, time = show_frame(self._scene, frame_index), self._times[frame_index]
         priors = {index: self._tracks[index].predict(time) for index in due}
         for index, prior in priors.items():
             scene = scene.with_pose(index, prior.pose)
+        for index, item in enumerate(scene.objects):
+            known = self._scene.frames[frame_index].poses.get(item.id)
+            if known and known.source == "key" and known.result is None:
+                scene = scene.with_object(index, result=OF_KEY)
         poses, notes = dict[str, FramePose](), list[str]()
+        name = self._scene.frames[frame_index].file.name
         for index in sorted(due, key=lambda index: scene.model_at(index).depth):
             track = self._tracks.pop(index)
             try:
@@ -253,12 +262,15 @@ class _Chain:
             except PoseViewerError as error:
                 notes.append(str(error))
                 continue
+            except (OutsideChartError, np.linalg.LinAlgError):
+                label = scene.objects[index].label
+                notes.append(f"{label} is lost in {name}: it leaves the photo.")
+                continue
             item, verdict = scene.objects[index], end.verdict
             assert verdict is not None
             assert item.result is not None
             doubtful = 0 if verdict.label == "found" else track.doubtful + 1
             if verdict.label == "lost" or doubtful > MAX_DOUBTFUL:
-                name = self._scene.frames[frame_index].file.name
                 notes.append(f"{item.label} is lost in {name}: {verdict.share_right}.")
                 continue
             track = _keep_features(track, end)
@@ -277,7 +289,7 @@ class _Chain:
                 pose, note = self._blend(index, frame_index, ahead, pose)
                 notes += [note] if note else []
             poses[item.id] = pose
-        return FrameStep(frame_index, poses, " ".join(notes))
+        return FrameStep(frame_index, poses, " ".join(dict.fromkeys(notes)))
 
     def _search(
         self, scene: Scene, index: int, track: _Track, prior: PoseCovariance

@@ -159,3 +159,16 @@ def test_fresh_pose_is_begun_from_and_stale_one_is_not():
         begun = store_poses(scene, {2: {"a": replace(pose, is_stale=is_stale)}})
         steps = list(propagate(begun, renderers, 2, 3))
         assert [step.frame_index for step in steps] == wanted
+
+
+@pytest.mark.parametrize("times", [(0.0, 0.0, 0.0), (0.0, 1.0, 3.0), (None, None, None)])
+def test_times_may_repeat_and_be_uneven(times):
+    """Where they are uneven, so is the motion."""
+    scene = sequence({0: [ball(0)], 1: [ball(1)]}, count=4)
+    last = 3 if times[2] == 3.0 else 2
+    chosen = zip((0, 1, last), times, strict=True)
+    frames = tuple(replace(scene.frames[index], time_s=time) for index, time in chosen)
+    scene = replace(scene, frames=frames)
+    (step,) = run(scene)
+    assert step.frame_index == 2
+    assert off(stored(scene, [step]), 2, ball(last)) < 1.0
