@@ -62,9 +62,11 @@ class SoftwareRenderer(Renderer):
         )
 
     def cull_unseen(self, poses: Iterable[Pose]) -> SoftwareRenderer:
-        """Return a renderer without the faces that none of some poses shows."""
-        seen = self._find_seen_faces(poses)
-        return self._with(make_surface(self.mesh, self._surface.order[seen if seen.any() else ...]))
+        """Return a renderer without faces that none of some poses shows, nor their neighbours."""
+        faces, near = self._surface.faces, np.zeros(self._surface.vertices.shape[1], bool)
+        near[faces[self._find_seen_faces(poses)]] = True
+        kept = near[faces].any(axis=1)
+        return self._with(make_surface(self.mesh, self._surface.order[kept if kept.any() else ...]))
 
     def decimate(self, faces: int) -> SoftwareRenderer:
         """Return a renderer of the model with at most this number of triangles, or as it is."""
