@@ -26,9 +26,10 @@ from poseviewer.batch.result_folder import (
 )
 from poseviewer.batch.run_row import result_files, shrink_picture
 from poseviewer.errors import BatchError, PoseViewerError, SettingsError
+from poseviewer.files.formats.sequence_export import sequence_table
 from poseviewer.files.photo import save_image
 from poseviewer.files.scene_json import as_saved, load_scene, save_scene, scene_contents
-from poseviewer.files.writing import make_folder, require_replaceable
+from poseviewer.files.writing import make_folder, require_replaceable, write_whole
 from poseviewer.fit.propagation import FrameStep, find_chains
 from poseviewer.scene.frames import remove_propagated, show_frame
 from poseviewer.scene.types import Scene
@@ -38,6 +39,8 @@ CHAINS = "chains"
 """Subfolder of the scene files that the rows start from."""
 SEQUENCE = "scene.json"
 """File of the sequence with all poses so far."""
+POSE_TABLE = "poses.csv"
+"""File of the table of poses, a row for each object in each frame."""
 SAVE_S = 10.0
 """Time after which an unfinished row writes what it has, s: a stopped one loses no more."""
 
@@ -60,7 +63,7 @@ def open_chains(scene: Scene, folder: str | Path) -> Batch:
         scene = remove_propagated(scene, item.id, 0, last)
     for name in (ROWS, POSES, PICTURES, CHAINS):
         make_folder(folder / name, BatchError)
-    for name in (SEQUENCE, TABLE):
+    for name in (SEQUENCE, POSE_TABLE, TABLE):
         require_replaceable(folder / name, BatchError)
     save_scene(folder / SEQUENCE, as_saved(scene))
     for row, (first, end) in enumerate(chains, 1):
@@ -119,7 +122,7 @@ def run_chain(job: Job, plan: Batch, threads: int = 1) -> JobResult:
 
 
 def save_sequence(batch: Batch) -> tuple[Scene, list[str]]:
-    """Write the sequence with the poses of all rows so far, and the table of rows.
+    """Write the sequence with the poses of all rows so far, and the tables of poses and of rows.
 
     Returns:
         The sequence, and notes on where poses end or jump.
@@ -136,6 +139,7 @@ def save_sequence(batch: Batch) -> tuple[Scene, list[str]]:
                 frames[index] = replace(frames[index], poses=poses)
     scene = show_frame(replace(scene, frames=tuple(frames)), scene.frame_index)
     save_scene(path, as_saved(scene))
+    write_whole(batch.folder / POSE_TABLE, sequence_table(scene).encode(), BatchError)
     save_table(batch.folder, rows)
     notes = [line for row in rows for line in row.result.reasons.split("\n") if line]
     return scene, notes

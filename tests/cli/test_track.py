@@ -49,6 +49,7 @@ def test_chains_are_joined_and_done_once(tmp_path, here, capsys):
     assert [row["status"] for row in read_rows(out / "results.csv")] == [
         "1 of 2 frames have propagated poses.", "1 of 3 frames have propagated poses.",
     ]  # fmt: skip
+    assert len(read_rows(out / "poses.csv")) == 4
     assert here == ["0,1", "1,3"]
     before = results(out)
     # The poses so far are kept, and a chain is begun again where its keys have changed.
