@@ -12,7 +12,6 @@ from poseviewer.app.state.frame_edits import FrameCommand
 from poseviewer.app.state.session import Session
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.scene.frames import key_indices
 from poseviewer.scene.types import Frame, FramePose
 
 STATES = ("found", "placed", "none", "doubtful", "lost")
@@ -47,10 +46,7 @@ def time_line(session: Session) -> str:
     graph = _motion_graph(session, box) if session.display.motion_graph else ""
     at = f'<path class="pv-here" d="M{shown} 0h1v1h-1Z"/>'
     line = f'<svg class="pv-frames" {box}>{_segments(scene.frames, object_id)}{at}</svg>'
-    keys = {scene.frame_index} & {*key_indices(scene, object_id)}
-    useless = {"clear between", "keep keys"} - _has_propagated(scene.frames, object_id)
-    useless |= set() if keys else {"remove key"}
-    buttons = "".join(_button(what, *own, what in useless) for what, own in BUTTONS.items())
+    buttons = "".join(_button(what, *own) for what, own in BUTTONS.items())
     if session.is_propagating:
         buttons = _button("stop", "Stop (Esc)", "Keep what is propagated, and stop")
     said = f"<b>frame {shown + 1}</b> of {count}{_frame_text(session, shown)}"
@@ -62,18 +58,9 @@ def time_line(session: Session) -> str:
     )
 
 
-def _button(what: FrameCommand, text: str, tooltip: str, is_useless: bool = False) -> str:
-    return (
-        f'<button type="button" title="{tooltip}"{" disabled" * is_useless} '
-        f"{on_press('frames', what=what)}>{text}</button>"
-    )
-
-
-@lru_cache(maxsize=1)
-def _has_propagated(frames: tuple[Frame, ...], object_id: str) -> set[str]:
-    poses = (frame.poses.get(object_id) for frame in frames)
-    has_any = any(pose is not None and pose.source == "propagated" for pose in poses)
-    return {"clear between", "keep keys"} if has_any else set()
+def _button(what: FrameCommand, text: str, tooltip: str) -> str:
+    report = on_press("frames", what=what)
+    return f'<button type="button" title="{tooltip}" {report}>{text}</button>'
 
 
 @lru_cache(maxsize=1)
@@ -185,7 +172,7 @@ def _curve(frames: NDArray[np.intp], middle: FloatArray, half: FloatArray, colou
     """SVG of a curve (n,) with its band of +-``half``, broken where frames have no pose."""
     drawn, gap = "", 1.5 * float(np.median(np.diff(frames))) if len(frames) > 1 else 1.0
     for part in np.split(np.arange(len(frames)), 1 + np.flatnonzero(np.diff(frames) > gap)):
-        x, y, off = frames[part] + 0.5, middle[part], half[part]
+        x, y, off = frames[part].astype(float) + 0.5, middle[part], half[part]
         line = _points(x, y)
         band = f"{_points(x, y - off)}L{_points(x[::-1], (y + off)[::-1])[1:]}Z"
         drawn += f'<path fill="{colour}" d="{band}"/><path stroke="{colour}" d="{line}h0"/>'

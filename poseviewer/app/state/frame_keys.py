@@ -27,9 +27,9 @@ def store_changed_poses(before: Document, now: Document) -> Document:
         scene = _change_poses(scene, _by_camera(old, scene))
     for index, item in enumerate(scene.objects):
         known, has_pose = was.get(item.id), item.id in scene.frames[scene.frame_index].poses
-        is_same = known is not None and known.world_from_model is item.world_from_model
+        old_place = known.world_from_model if known and known.is_placed else None
         is_chosen = has_pose or item.result is not None or not has_new_camera
-        if item.is_placed and is_chosen and not (is_same and known.is_placed):
+        if item.is_placed and is_chosen and item.world_from_model is not old_place:
             scene = store_key(scene, index)
     return now if scene is now.scene else replace(now, scene=scene)
 

@@ -243,11 +243,11 @@ def test_another_camera_leaves_all_poses_where_the_photos_show_them():
     changed = after(session, set_field_of_view(20.0)).document.scene
     assert changed.views[0].camera != scene.views[0].camera
     for old, new in zip(scene.frames, changed.frames, strict=True):
-        pixels = [
+        before, now = (
             own.views[0].pose(frame.poses["1"].world_from_model).project(centre)
             for own, frame in ((scene, old), (changed, new))
-        ]
-        np.testing.assert_allclose(*pixels, atol=1e-9)
+        )
+        np.testing.assert_allclose(now, before, atol=1e-9)
 
 
 def test_an_object_that_is_removed_leaves_no_poses():
