@@ -38,7 +38,8 @@ class RendererPool:
         """Start ``threads``, by default one for each processor; each calls ``begin`` first."""
         count = processors() if threads is None else threads
         each = renderer if isinstance(renderer, tuple) else (renderer,)
-        self._renderer, self.threads, self._begin = renderer, 1, begin
+        self._renderer, self._begin = renderer, begin
+        self.threads = 1
         self._executor: ThreadPoolExecutor | None = None
         owns: list[Any] = [each] * each[0].callers
         if not owns and count > 1:

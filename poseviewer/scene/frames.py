@@ -81,7 +81,14 @@ def remove_key(scene: Scene, object_index: int) -> Scene:
 
 
 def remove_propagated(scene: Scene, object_id: str, first: int, last: int) -> Scene:
-    """Remove an object's propagated poses in the frames ``first`` to ``last``; keys stay."""
+    """Remove an object's propagated poses in some frames; keys stay.
+
+    Args:
+        scene: sequence.
+        object_id: of the object.
+        first: index of the first frame.
+        last: index of the last frame.
+    """
 
     def without(pose: FramePose) -> FramePose | None:
         return pose if pose.source == "key" else None
