@@ -158,12 +158,12 @@ def _request(options: Namespace) -> ConvertOptions:
 def _source(options: Namespace, request: ConvertOptions) -> tuple[Scene, ConvertOptions]:
     """Read the source, and choose the objects."""
     scene = _read(options, request) if options.source_format == SCENE else None
-    if scene is not None and options.object:
-        if len(scene.objects) > 1 or not options.object.isdecimal():
-            chosen = scene.objects[scene.index(options.object)]
-            return replace(scene, objects=(chosen,)), request
+    is_number = (options.object or "").isdecimal()
+    if scene and options.object and (len(scene.objects) > 1 or not is_number):
+        chosen = scene.objects[scene.index(options.object)]
+        return replace(scene, objects=(chosen,)), request
     if options.object:
-        if not options.object.isdecimal():
+        if not is_number:
             raise PoseFileError(f"--object {options.object}: wanted the object's number in BOP.")
         request = replace(request, object_id=int(options.object))
     return scene or _read(options, request), request

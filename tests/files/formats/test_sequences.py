@@ -164,7 +164,7 @@ def test_a_bop_scene_is_whole(scene, tmp_path, capsys):
     assert run("convert", str(path), f"{out}5", "--to", "bop", "--object", "5") == 0
     assert load_bop_images(Path(f"{out}5"), posed=True)[0].objects[0].object_id == 5
     photo = load_photo(out / images[3].photo)
-    assert photo.sha256 == load_photo(scene.frames[4].file.path).sha256
+    assert photo.sha256 == load_photo(scene.frames[4].file.location).sha256
     infos = json.loads((out / "scene_gt_info.json").read_text())
     assert sorted(infos) == ["0", "1", "2", "4"]
     assert infos["4"][0]["visib_fract"] < infos["1"][0]["visib_fract"] == 1.0
@@ -178,7 +178,7 @@ def test_a_bop_scene_is_whole(scene, tmp_path, capsys):
 def test_photos_of_a_bop_scene_are_undistorted(scene, tmp_path):
     undone = Undistortion.of(Lens("opencv", (0.2, 0.0, 0.0, 0.0)), CAMERA)
     view = replace(scene.views[0], file=replace(scene.views[0].file, undistortion=undone))
-    frames = [replace(own, file=frame_file(own.file.path, view)) for own in scene.frames]
+    frames = [replace(own, file=frame_file(own.file.location, view)) for own in scene.frames]
     scene = show_frame(replace(scene, views=(view,), frames=tuple(frames)), 0)
     objects = (replace(scene.objects[0], id="1"),)
     frames = (replace(own, poses={"1": own.poses.get("ball")}) for own in scene.frames[:2])
@@ -188,7 +188,7 @@ def test_photos_of_a_bop_scene_are_undistorted(scene, tmp_path):
     export_sequence("bop", scene, tmp_path / "bop", options, quiet)
     pixels = load_photo(tmp_path / "bop" / "rgb" / "000001.png").pixels
     np.testing.assert_array_equal(pixels, show_frame(scene, 1).views[0].photo.pixels)
-    assert np.any(pixels != load_photo(scene.frames[1].file.path).pixels)
+    assert np.any(pixels != load_photo(scene.frames[1].file.location).pixels)
 
 
 @pytest.mark.parametrize("ending", ["mp4", "avi"])
@@ -203,7 +203,7 @@ def test_a_video_shows_every_frame_with_its_overlay(scene, tmp_path, ending):
         shown.append(frame[1][..., ::-1].astype(float))
     capture.release()
     assert len(shown) == 5
-    plain = load_photo(scene.frames[0].file.path).pixels
+    plain = load_photo(scene.frames[0].file.location).pixels
     assert shown[0].shape == plain.shape
     off = [float(np.abs(picture - plain).mean()) for picture in shown]
     assert off[3] < 4.0  # as it is, but for the codec
