@@ -35,6 +35,7 @@ USUAL_HINT = (
     "<span><b>space</b> search</span> <span><b>?</b> keys</span>"
 )
 """Hint where a drag moves the model; the page's style marks what a drag does with the held keys."""
+FRAMES_HINT = " <span><b>, .</b> frames</span> <span><b>[ ]</b> keys of the sequence</span>"
 ENDS = " &nbsp;·&nbsp; Esc: done"
 DRAWING_ENDS = f" &nbsp;·&nbsp; <b>alt</b> erase{ENDS}"
 TOOL_HINTS = {
@@ -155,7 +156,8 @@ def hint_of(session: Session) -> str:
         case _ if is_focal_length_wanted(session):
             return ASSUMED_HINT
         case _:
-            return SIZE_HINT if _has_first_size(session) else USUAL_HINT
+            usual = USUAL_HINT + FRAMES_HINT * bool(session.document.scene.frames)
+            return SIZE_HINT if _has_first_size(session) else usual
     return f"<b>{what}</b>{MARKING_HINT}"
 
 
