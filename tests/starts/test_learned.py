@@ -49,7 +49,7 @@ def overlap(a: Rectangle, b: Rectangle) -> float:
 @pytest.mark.slow
 def test_an_untextured_model_is_found_in_the_full_image(shared_data: Path, network: Path):
     """Neither texture features nor wheels find it."""
-    (case,) = load_cases(shared_data / "clutter", "clutter-7-cat")
+    (case,) = load_cases(shared_data / "clutter", "clutter-1-cat")
     model = load_model(case.mesh)
     inputs = StartInputs(load_photo(case.photo), model.mesh, model.keypoints)
     boxes = propose_rectangles(inputs, network)
@@ -64,7 +64,7 @@ def test_features_of_views_are_kept_until_the_model_changes(
     scene: Scene, network: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(learned, "_directions", lambda: np.array([[0.6, 0.0, 0.8]]))
-    calls = []
+    calls = list[int]()
     run = learned.call_in_subprocess
     monkeypatch.setattr(
         learned, "call_in_subprocess", lambda *a, **k: calls.append(len(a[2])) or run(*a, **k)
