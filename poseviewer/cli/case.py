@@ -102,7 +102,13 @@ def load_named(options: Namespace) -> Registration:
     parallel = given.get("projection") == "parallel"
     camera = StartCamera(parallel, given.get("focal"), options.free_focal)
     with progress_bar(None, options.quiet) as bar:
-        auto = AutoStart(given.get("box"), given.get("instances") or 1, camera, bar.update)
+        auto = AutoStart(
+            given.get("box"),
+            given.get("instances") or 1,
+            camera,
+            bar.update,
+            given.get("features"),
+        )
         start = None if files.scene else _start_of(options, auto)
         photo = files.scene or files.views or files.photo
         assert photo is not None  # ``_start_of`` refuses that
@@ -131,7 +137,7 @@ def _start_of(options: Namespace, auto: AutoStart) -> Path | FindStart:
         return auto
     table.refuse(
         options,
-        (table.BOX, table.INSTANCES),
+        (table.BOX, table.INSTANCES, table.FEATURES),
         "without --start auto; leave it out, or add --start auto",
     )
     if options.pose is not None:

@@ -30,6 +30,7 @@ OPTIONS = {
         table.OBJECT,
         table.BOX,
         table.INSTANCES,
+        table.FEATURES,
         table.option(
             "--projection",
             "set the projection if no pose file does (default: perspective)",

@@ -11,6 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, reduce
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import Level, make_level
 from poseviewer.render.renderers import make_renderer
 from poseviewer.scene.settings import FitSettings, Limits
+from poseviewer.starts.learned import propose_rectangles
 from poseviewer.starts.loading import Start, StartInputs
 from poseviewer.starts.texture_features import SURE_INLIERS, poses_from_features
 from poseviewer.starts.views import ViewPoses, ground_views, poses_filling, sample_rotations
@@ -73,6 +75,10 @@ ROUNDS = ((32, 24, 0.12, SIDE_PX), (10, 80, 0.08, 60.0))
 simplex, radians and shares of the radius; side of the rectangle on the level, px."""
 MAX_HYPOTHESES = 5
 """Hypotheses for a user to choose from."""
+GROWTH = 0.15
+"""Growth of a rectangle that a network proposes, as a share of its sides."""
+POSES_PER_RECTANGLE = 2
+"""Poses in each of these rectangles that are compared in the whole photo."""
 INLIER_POWER = 4
 """Exponent of the number of inliers in the odds of a pose by texture features."""
 EVEN_INLIERS = 7**4
@@ -99,6 +105,8 @@ class StartQuery:
     rectangle: Rectangle | None = None
     """Rectangle about the object; None: it may be anywhere in the photo."""
     settings: FitSettings = field(default_factory=FitSettings)
+    features: Path | None = None
+    """ONNX file of a DINOv2 backbone that proposes rectangles where none is given."""
 
     @property
     def points(self) -> FloatArray:
@@ -197,7 +205,7 @@ def propose(
     renderer = make_renderer(query.inputs.mesh) if renderer is None else renderer
     search = _ViewSearch(query, query.box, query.photo, renderer, begin, watch)
     if query.rectangle is None:
-        hypotheses = _with_wheels(search, [], PHOTO_SIDE_PX)
+        hypotheses = _with_wheels(search, [], PHOTO_SIDE_PX) or _in_proposed_rectangles(search)
         sentence = (
             "The model was not found in the photo by its texture or by a car's wheels; draw a "
             "rectangle about it (Fit to box), or give the box left,top,width,height."
@@ -321,6 +329,19 @@ class _ViewSearch:
             most,
         )
         return [hypothesis for hypothesis, _ in kept]
+
+
+def _in_proposed_rectangles(search: _ViewSearch) -> list[PoseHypothesis]:
+    """Return the best hypotheses in the rectangles that a network proposes, if there is one."""
+    query, poses = search.query, list[Pose]()
+    if query.features is None:
+        return []
+    for rectangle in propose_rectangles(query.inputs, query.features, search.watch):
+        inside = replace(query, rectangle=rectangle.expand(GROWTH))
+        with suppress(QuickStartError):  # hardly any of it is in the photo
+            own = replace(search, query=inside, rectangle=inside.box, photo=inside.photo)
+            poses += [best.pose for best in own.best_views(inside.views())[:POSES_PER_RECTANGLE]]
+    return search.rank(poses, PHOTO_SIDE_PX)
 
 
 def _with_wheels(

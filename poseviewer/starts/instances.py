@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -54,6 +55,8 @@ class AutoStart:
     """Knowledge of the camera; by default EXIF's focal length, else a view of 50 degrees."""
     watch: Callable[[], object] = lambda: None
     """Called after every evaluation; an exception in it ends the search."""
+    features: Path | None = None
+    """ONNX file of a DINOv2 backbone, which proposes rectangles without a box and a region."""
 
     def __post_init__(self) -> None:
         """Check box and number.
@@ -79,7 +82,8 @@ class AutoStart:
                 "camera shows all of them; leave one of the two out."
             )
         rectangle = settings.region if self.box is None else Rectangle(*self.box)
-        query = StartQuery(inputs, self.camera.of(inputs.photo), rectangle, settings)
+        camera = self.camera.of(inputs.photo)
+        query = StartQuery(inputs, camera, rectangle, settings, self.features)
         first, *others = self._find(query, make_renderer(inputs.mesh))
         notes = [note for start in (first, *others) for note in start.notes]
         if (count := len(others) + 1) < self.instances:
