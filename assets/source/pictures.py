@@ -90,9 +90,9 @@ REGION = ((140.0, 220.0), (810.0, 550.0))
 """Two corners of a rectangle about the car, px."""
 
 
-def save(path: Path, picture: Image.Image) -> None:
+def save(path: Path, picture: Image.Image, quality: int = QUALITY) -> None:
     """Write a picture as JPEG."""
-    picture.save(path, quality=QUALITY, optimize=True, progressive=True)
+    picture.save(path, quality=quality, optimize=True, progressive=True)
 
 
 def save_sheet(path: Path, *pictures: np.ndarray) -> None:
@@ -431,7 +431,7 @@ def make_time_line(folder: Path) -> None:
         left, _, width, _ = tab.view()["box"]
         clip = {"x": left, "y": 0, "width": width, "height": WINDOW[1]}
         shot = Image.open(BytesIO(tab.page.screenshot(clip=clip)))  # pyright: ignore
-        save(DOCS / "time_line.jpg", shot.convert("RGB"))
+        save(DOCS / "time_line.jpg", shot.convert("RGB"), 60)
 
 
 MAKERS = (
