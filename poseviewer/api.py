@@ -55,7 +55,7 @@ from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import visible_fraction
 from poseviewer.render.renderers import make_renderer
 from poseviewer.scene.assets import ModelFile
-from poseviewer.scene.frames import store_poses
+from poseviewer.scene.sequence import store_poses
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import Scene, SceneObject
 from poseviewer.starts.automatic import AUTOMATIC

@@ -15,7 +15,7 @@ from poseviewer.geometry.image import Photo
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.scene.assets import ModelFile, PhotoFile
-from poseviewer.scene.frames import show_frame, with_frames
+from poseviewer.scene.sequence import show_frame, with_frames
 from poseviewer.scene.types import Frame, FramePose, PlacedModel, Scene, SceneObject, View
 from tests.several import CAMERA, LIGHT, MESHES, lit_models, save_model
 

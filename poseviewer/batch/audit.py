@@ -31,7 +31,7 @@ from poseviewer.geometry.mesh import hull_in_photo
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.overlay.styles import ModelInPhoto, Picture, draw_style
 from poseviewer.render.overlay.window import Window
-from poseviewer.scene.frames import show_frame, store_key
+from poseviewer.scene.sequence import show_frame, store_key
 from poseviewer.scene.settings import FitSettings
 
 AUDITED = "audited.csv"

@@ -31,7 +31,7 @@ from poseviewer.files.photo import save_image
 from poseviewer.files.scene_json import as_saved, load_scene, save_scene, scene_contents
 from poseviewer.files.writing import make_folder, require_replaceable, write_whole
 from poseviewer.fit.propagation import FrameStep, find_chains
-from poseviewer.scene.frames import remove_propagated, show_frame
+from poseviewer.scene.sequence import remove_propagated, show_frame
 from poseviewer.scene.types import Scene
 from poseviewer.starts.loading import open_scene_files
 

@@ -80,7 +80,7 @@ def run(options: Namespace) -> int:
 def _open(options: Namespace) -> Scene:
     """Open the sequence, with its keys."""
     from poseviewer.files.image_sequence import images_in
-    from poseviewer.scene.frames import remove_key, show_frame, store_key
+    from poseviewer.scene.sequence import remove_key, show_frame, store_key
     from poseviewer.starts.loading import open_scene_files, open_sequence
 
     path = options.photo

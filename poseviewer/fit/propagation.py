@@ -41,7 +41,7 @@ from poseviewer.optimise.quadratic import QuadraticOptions
 from poseviewer.render.attributes import Renderer
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import Level, coarsest_level, lighter_level, visible_fraction
-from poseviewer.scene.frames import key_indices, neighbouring_keys, show_frame
+from poseviewer.scene.sequence import key_indices, neighbouring_keys, show_frame
 from poseviewer.scene.types import FramePose, Scene, SearchResult
 
 FIRST_DEVIATION = 0.06

@@ -26,7 +26,7 @@ from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.world_pose import triangulate_scale
 from poseviewer.scene.assets import ModelFile, PhotoFile
-from poseviewer.scene.frames import store_key, with_frames
+from poseviewer.scene.sequence import store_key, with_frames
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import Frame, Scene, SceneObject, View, scene_at
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints

@@ -13,7 +13,7 @@ from poseviewer.geometry.frames import camera_as_integer_centres
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.scene.assets import ModelFile, PhotoFile
-from poseviewer.scene.frames import with_frames
+from poseviewer.scene.sequence import with_frames
 from poseviewer.scene.types import Frame, PlacedModel, View, scene_at
 from tests.meshes import make_bumpy
 from tests.several import LIGHT, coloured, lit_models, save_model

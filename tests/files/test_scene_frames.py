@@ -16,7 +16,7 @@ from poseviewer.files.scene_assets import frame_file
 from poseviewer.files.scene_json import as_saved, form_of, load_scene, save_scene
 from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.scene.frames import show_frame, store_key, with_frames
+from poseviewer.scene.sequence import show_frame, store_key, with_frames
 from poseviewer.scene.types import Frame, FramePose, Scene, SearchResult
 from tests.schemas import load_valid
 from tests.several import CAMERA, make_three

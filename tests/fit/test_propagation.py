@@ -10,7 +10,7 @@ from poseviewer.errors import PhotoFileError
 from poseviewer.fit.propagation import FrameStep, find_chains, propagate
 from poseviewer.geometry.image import Photo
 from poseviewer.render.software.software_renderer import SoftwareRenderer
-from poseviewer.scene.frames import store_poses
+from poseviewer.scene.sequence import store_poses
 from poseviewer.scene.types import Frame, FramePose, PlacedModel, Scene
 from tests.moving import BALL, FRAMES, ball, box, off, sequence
 

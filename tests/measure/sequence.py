@@ -32,7 +32,7 @@ from poseviewer.render.opengl import OpenGLRenderer
 from poseviewer.render.pool import processors
 from poseviewer.render.renderers import make_renderer
 from poseviewer.scene.assets import PhotoFile
-from poseviewer.scene.frames import store_poses, with_frames
+from poseviewer.scene.sequence import store_poses, with_frames
 from poseviewer.scene.types import Frame, FramePose, Scene, SceneObject, View
 from tests.measure.real import DATA
 

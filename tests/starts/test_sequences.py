@@ -12,7 +12,7 @@ from poseviewer.files.photo import load_photo, save_image
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_json import as_saved, load_scene, save_scene
 from poseviewer.files.state.uploads import copy_out
-from poseviewer.scene.frames import show_frame
+from poseviewer.scene.sequence import show_frame
 from poseviewer.starts.loading import open_scene_files, open_sequence
 from tests.scene import Scene
 from tests.writing import write

@@ -25,7 +25,7 @@ from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view_chart import ViewChart
 from poseviewer.render.renderers import RendererName
 from poseviewer.scene.assets import ModelFile, PhotoFile
-from poseviewer.scene.frames import show_frame
+from poseviewer.scene.sequence import show_frame
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import InView, Scene, SceneObject, View
 from poseviewer.starts.placing import with_point_at

@@ -14,7 +14,7 @@ from poseviewer.app.state.session import Session
 from poseviewer.errors import SettingsError
 from poseviewer.fit.propagation import FrameStep
 from poseviewer.scene.assets import PhotoFile
-from poseviewer.scene.frames import (
+from poseviewer.scene.sequence import (
     key_indices,
     neighbouring_keys,
     remove_key,

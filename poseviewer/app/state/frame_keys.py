@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from poseviewer.app.state.document import Document, with_camera
-from poseviewer.scene.frames import store_key
+from poseviewer.scene.sequence import store_key
 from poseviewer.scene.types import Frame, FramePose, Scene
 
 

@@ -32,7 +32,7 @@ from poseviewer.files.state.uploads import safe_path
 from poseviewer.files.video import save_video
 from poseviewer.files.writing import make_folder, write_whole, writing_to
 from poseviewer.geometry.lens import UPRIGHT
-from poseviewer.scene.frames import show_frame
+from poseviewer.scene.sequence import show_frame
 from poseviewer.scene.types import Scene, SearchResult, View
 
 SEQUENCE_FORMATS = {"poseviewer": "", "bop": "", "csv": ".csv", "gltf": ".glb", "video": ".mp4"}

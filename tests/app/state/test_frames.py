@@ -22,7 +22,7 @@ from poseviewer.app.state.pointer_edits import cancel_drag, drag_to, press, rele
 from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.session import Session
 from poseviewer.fit.propagation import FrameStep
-from poseviewer.scene.frames import key_indices
+from poseviewer.scene.sequence import key_indices
 from poseviewer.scene.types import FramePose
 from tests.app.sequences import COUNT, make_sequence
 from tests.app.state.documents import after, make_session, refused

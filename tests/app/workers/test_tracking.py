@@ -20,7 +20,7 @@ from poseviewer.files.formats.sequence_export import SEQUENCE_FORMATS
 from poseviewer.files.image_sequence import load_sequence
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.scene.assets import PhotoFile
-from poseviewer.scene.frames import key_indices, with_frames
+from poseviewer.scene.sequence import key_indices, with_frames
 from tests.app.sequences import COUNT, MESH, make_sequence, true_pose, write_sequence
 from tests.app.state.documents import after, assert_same_pose
 

@@ -24,7 +24,7 @@ from poseviewer.files.scene_json import as_saved, load_scene, save_scene
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.scene.frames import show_frame, store_key
+from poseviewer.scene.sequence import show_frame, store_key
 from poseviewer.scene.types import Scene
 from tests.commands import refusal, run
 from tests.files.test_scene_frames import sequence

@@ -23,7 +23,7 @@ from poseviewer.files.state import autosave
 from poseviewer.files.state.autosave import AutosavedSession, SessionFile, discard, load_autosave
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.scene.frames import show_frame, store_key, with_frames
+from poseviewer.scene.sequence import show_frame, store_key, with_frames
 from poseviewer.scene.types import Frame, InView, Scene, SceneObject, SearchResult
 from tests.several import CAMERA, IDS, STARTS
 from tests.writing import edit

@@ -38,8 +38,9 @@ def show_frame(scene: Scene, frame_index: int) -> Scene:
         place = item.world_from_model if known is None else known.world_from_model
         result = None if known is None else known.result
         objects.append(replace(item, world_from_model=place, start=None, result=result))
-    # A new handle: frames that were shown do not stay in memory.
-    view = replace(scene.views[0], file=replace(frame.file))
+    # A new handle: photos of frames that were shown do not stay in memory.
+    view, file = scene.views[0], frame.file
+    view = view if view.file == file else replace(view, file=replace(file))
     return replace(scene, views=(view,), objects=tuple(objects), frame_index=frame_index)
 
 
