@@ -172,7 +172,8 @@ def _curve(frames: NDArray[np.intp], middle: FloatArray, half: FloatArray, colou
     """SVG of a curve (n,) with its band of +-``half``, broken where frames have no pose."""
     drawn, gap = "", 1.5 * float(np.median(np.diff(frames))) if len(frames) > 1 else 1.0
     for part in np.split(np.arange(len(frames)), 1 + np.flatnonzero(np.diff(frames) > gap)):
-        x, y, off = frames[part].astype(float) + 0.5, middle[part], half[part]
+        x, y = frames[part].astype(float) + 0.5, middle[part]
+        off = half[part]
         line = _points(x, y)
         band = f"{_points(x, y - off)}L{_points(x[::-1], (y + off)[::-1])[1:]}Z"
         drawn += f'<path fill="{colour}" d="{band}"/><path stroke="{colour}" d="{line}h0"/>'

@@ -422,9 +422,9 @@ class Document:
     @property
     def placement(self) -> tuple[object, ...]:
         """Values that are equal while nothing that files keep has changed."""
-        views, objects, frames = self.scene.views, self.scene.objects, self.scene.frames
-        photos = frames or (view.photo for view in views)
-        poses = () if frames else (o.world_from_model for o in objects)
+        views, objects = self.scene.views, self.scene.objects
+        photos = self.scene.frames or (view.photo for view in views)
+        poses = () if self.scene.frames else (o.world_from_model for o in objects)
         models = ((o.mesh, o.model.keypoints, o.in_views, o.note) for o in objects)
         return *photos, *((view.camera, view.mask) for view in views), *models, *poses
 

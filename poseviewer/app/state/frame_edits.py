@@ -95,7 +95,8 @@ def edit_frames(session: Session, what: FrameCommand) -> Session:
     document, scene = session.document, session.document.scene
     if not scene.frames:
         return session
-    object_id, shown, end = document.object.id, scene.frame_index, len(scene.frames) - 1
+    object_id, shown = document.object.id, scene.frame_index
+    end = len(scene.frames) - 1
     before, after = neighbouring_keys(scene, object_id, shown)
     match what:
         case "clear between":

@@ -50,9 +50,9 @@ def _by_camera(old: Scene, now: Scene) -> Callable[[str, FramePose], FramePose]:
 def _change_poses(scene: Scene, change: Callable[[str, FramePose], FramePose | None]) -> Scene:
     """Change or drop the poses of all frames."""
 
-    def changed(poses: Mapping[str, FramePose]) -> dict[str, FramePose]:
+    def change_all(poses: Mapping[str, FramePose]) -> dict[str, FramePose]:
         pairs = ((name, change(name, pose)) for name, pose in poses.items())
         return {name: pose for name, pose in pairs if pose is not None}
 
-    frames: tuple[Frame, ...] = tuple(replace(f, poses=changed(f.poses)) for f in scene.frames)
+    frames: tuple[Frame, ...] = tuple(replace(f, poses=change_all(f.poses)) for f in scene.frames)
     return replace(scene, frames=frames)
