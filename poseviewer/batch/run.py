@@ -102,7 +102,7 @@ def run_batch(
     *,
     scheduler: str | None = None,
     processes: int | None = None,
-    run: Callable[[Job, Batch], JobResult] = run_row,
+    run: Callable[..., JobResult] = run_row,
 ) -> Generator[JobResult, None, None]:
     """Run jobs, and yield their results as they come.
 
@@ -111,7 +111,7 @@ def run_batch(
         jobs: rows to fit.
         scheduler: address of a Dask scheduler; None: run on this machine.
         processes: number of processes; None: one for each processor.
-        run: function that does a job, and writes its result last.
+        run: function of a job and ``plan``, the batch; it writes the result last.
     """
     if not jobs:
         return

@@ -8,7 +8,7 @@ one backwards, and both are blended where they hold.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -93,7 +93,7 @@ def propagate(
     last: int,
     object_indices: Sequence[int] | None = None,
     threads: int = 1,
-) -> Iterator[FrameStep]:
+) -> Generator[FrameStep, None, None]:
     """Propagate poses from all keys to the frames ``first`` to ``last``; keys stay.
 
     Poses go forwards after a key, and backwards before the first key. Between two keys both ways

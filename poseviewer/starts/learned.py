@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from itertools import product
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -71,9 +71,9 @@ PEAKS = 5
 """Windows of each view and size that are kept."""
 MAX_OVERLAP = 0.5
 """Largest intersection over union of two rectangles."""
-MEAN = (0.485, 0.456, 0.406)
+MEAN = np.array([0.485, 0.456, 0.406], np.float32)
 """Mean RGB of the pictures that the network was trained on: ImageNet's."""
-DEVIATION = (0.229, 0.224, 0.225)
+DEVIATION = np.array([0.229, 0.224, 0.225], np.float32)
 """Standard deviation of RGB in these."""
 
 
@@ -135,7 +135,7 @@ def propose_rectangles(
     return [Rectangle(*(scale * side for side in window.box)) for window in best]
 
 
-def _vote(grid: NDArray[np.float32], view: _ViewFeatures, sides: FloatArray) -> Iterator[_Window]:
+def _vote(grid: NDArray[np.float32], view: _ViewFeatures, sides: NDArray[Any]) -> Iterator[_Window]:
     """Yield windows of each size that most mutual matches of a view's patches agree on.
 
     A match votes, with its cosine, for the middle of the window. The votes' density is weighted by
@@ -173,7 +173,8 @@ def _scale_photo(inputs: StartInputs, patches: int) -> NDArray[np.uint8]:
     scale = patches / max(picture.shape)
     size = [PATCH_PX * max(1, round(scale * side)) for side in picture.shape[1::-1]]
     shrinks = size[0] < photo.width
-    return cv2.resize(picture, size, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC)
+    how = cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC
+    return np.asarray(cv2.resize(picture, size, interpolation=how), np.uint8)
 
 
 def _pieces(side: int, count: int) -> list[slice]:
@@ -202,7 +203,7 @@ def _view_features(
     with suppress(OSError, ValueError):  # none, or damaged
         grids = np.load(path, allow_pickle=False)
     if grids is None:
-        grids = np.array(_features(network, pictures, watch), np.float16)
+        grids = np.array(_features(network, list(pictures), watch), np.float16)
         with suppress(OSError):  # a disk that is full, or a folder that is not ours
             folder.mkdir(parents=True, exist_ok=True)
             part = path.with_suffix(f".{os.getpid()}")
@@ -240,7 +241,8 @@ def _render_views(inputs: StartInputs) -> tuple[NDArray[np.uint8], NDArray[np.fl
         flat = flat[:, :2] / flat[:, 2:]
         focal = FILLED * side / np.ptp(flat, axis=0).max()
         centre = side / 2 - focal * (flat.min(axis=0) + flat.max(axis=0)) / 2.0
-        camera = Perspective(focal, focal, *map(float, centre), side, side)
+        cx, cy = map(float, centre)
+        camera = Perspective(focal, focal, cx, cy, side, side)
         image = renderer.render(Pose(camera, RigidTransform(rotation, translation)))
         lit = image.reflectance * (0.5 + 0.5 * np.abs(image.normals[..., 2:]))
         picture = np.where(image.mask[..., None], np.clip(lit, 0.0, 1.0), 0.5)
@@ -300,7 +302,7 @@ def _run(network: Path, pictures: Sequence[NDArray[np.uint8]]) -> list[NDArray[n
         outputs, grids = loaded.getUnconnectedOutLayersNames(), []
         for picture in pictures:
             rows, columns = (side // PATCH_PX for side in picture.shape[:2])
-            blob = (picture / np.float32(255.0) - np.float32(MEAN)) / np.float32(DEVIATION)
+            blob = (picture / np.float32(255.0) - MEAN) / DEVIATION
             loaded.setInput(np.ascontiguousarray(blob.transpose(2, 0, 1)[None]))
             tokens = loaded.forward(outputs)[-1][0, -rows * columns :]
             grids.append(np.asarray(tokens.reshape(rows, columns, -1), np.float32))

@@ -151,7 +151,7 @@ def draw(name: str, way: str, frames: int, folder: Path) -> list[float]:
         cover[top:bottom, left:right] = True
         photo[cover] = board[cover]
         seen.append(float(np.mean(~cover[rows, columns])))
-        photo = cv2.GaussianBlur(255.0 * photo, (0, 0), 0.6)
+        photo = np.asarray(cv2.GaussianBlur(np.asarray(255.0 * photo, float), (0, 0), 0.6))
         photo += random.normal(0.0, NOISE, photo.shape)
         photo = np.clip(np.rint(photo), 0, 255).astype(np.uint8)
         save_image(folder / f"{index:04d}.png", photo)
@@ -258,7 +258,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for name in options.names
         for way in options.ways
     ]
-    print(Table("60 frames of 640x480", HEAD, tuple(rows)).as_markdown())
+    print(Table("60 frames of 640x480", tuple(HEAD), tuple(rows)).as_markdown())
 
 
 if __name__ == "__main__":

