@@ -24,7 +24,7 @@ from poseviewer.errors import PoseViewerError
 from poseviewer.fit.covariance import SPREAD, VISIBLE_POWER
 from poseviewer.fit.judge import judge_end
 from poseviewer.fit.loss import PARTS
-from poseviewer.fit.occlusion import find_occluded
+from poseviewer.fit.occlusion import OcclusionMask, find_occluded
 from poseviewer.fit.problem import FitProblem, make_problem, pose_loss, with_min_coverage
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.search import with_end
@@ -52,7 +52,7 @@ SMOOTHING = 0.5
 """Weight of the last step in the velocity: one step alone has the errors of two poses."""
 JUMP_DEVIATIONS = 5.0
 """Root mean square distance from the predicted pose from which a pose is not found."""
-PRIOR_WEIGHT = 0.001
+PRIOR_WEIGHT = 0.0002
 """Loss at one deviation of the prior where the model is visible wholly: little, as the velocity
 lags behind where it changes."""
 WIDE = CmaOptions(sigma=0.6, population=16, generations=16, prior_weight=0.0, min_sigma=0.1)
@@ -175,6 +175,8 @@ class _Track:
     """Loss of that pose."""
     age: int = 0
     """Poses since then."""
+    occluded: OcclusionMask = None
+    """Pixels of the last photo on which something stood in front."""
 
     def predict(self, time: float) -> PoseCovariance:
         """Return the distribution of the pose at a time."""
@@ -273,8 +275,8 @@ class _Chain:
             if verdict.label == "lost" or doubtful > MAX_DOUBTFUL:
                 notes.append(f"{item.label} is lost in {name}: {verdict.share_right}.")
                 continue
-            track = _keep_features(track, end)
-            track = replace(track, doubtful=doubtful)
+            track = replace(_keep_features(track, end), doubtful=doubtful)
+            track = replace(track, occluded=end.problem.views[0].occluded)
             self._tracks[index] = track.follow(end.pose, time)
             # Masks of all frames would fill the memory.
             pose = FramePose(
@@ -298,27 +300,43 @@ class _Chain:
         settings = scene.objects[index].settings
         settings = replace(settings, free_focal=False, free_principal_point=False)
         problem, _ = make_problem(scene.with_object(index, settings=settings), index)
-        renderer = self._renderers[index]
+        renderer, view = self._renderers[index], problem.views[0]
+        masks: list[OcclusionMask] = [None]
         if problem.is_structured and settings.in_front == "find":
-            view = problem.views[0]
             mask = find_occluded(view.photo, renderer, prior.pose)
-            if mask is not None:  # found to a few px: what is left of an occluder draws the model
-                mask = np.asarray(cv2.dilate(mask.astype(np.uint8), OCCLUDER_MARGIN), bool)
-            problem = replace(problem, views=(view.without(mask),))
-        end, covariance = _search_near(
-            problem, renderer, prior, self._threads, track.velocity is None
-        )
+            masks = [mask]
+            before, shape = track.occluded, view.photo.weights.shape
+            if mask is None and before is not None and before.shape == shape:
+                masks.append(before)  # it may still be there, and only not be told
+        ends = [self._search_behind(problem, renderer, mask, track, prior) for mask in masks]
+        # An occluder that is gone leaves a photo that is explained as well without its mask.
+        return ends[0] if ends[0].loss <= ends[-1].loss + PARTS * DOUBT else ends[-1]
+
+    def _search_behind(
+        self,
+        problem: FitProblem,
+        renderer: Renderer,
+        mask: OcclusionMask,
+        track: _Track,
+        prior: PoseCovariance,
+    ) -> FitProgress:
+        """Search without the pixels of a mask, and judge the end."""
+        view, how = problem.views[0], (prior, self._threads, track.velocity is None)
+        problem = replace(problem, views=(view.without(mask),))
+        if mask is None:
+            end, covariance = _search_near(problem, renderer, *how)
+        else:  # found to a few px: what is left of an occluder would draw the model
+            wider = np.asarray(cv2.dilate(mask.astype(np.uint8), OCCLUDER_MARGIN), bool)
+            around = replace(problem, views=(view.without(wider),))
+            end, covariance = _search_near(around, renderer, *how)
+            end = replace(end, problem=problem)
         judging = renderer, self._threads
         judged = judge_end(end, *judging, track.probed, covariance)
         if track.probed is not None and not _stays(track, judged):
             judged = judge_end(end, *judging, None, covariance)
-        off = prior.deviation(end.pose) / np.sqrt(np.diag(prior.matrix))
-        verdict = judged.verdict
-        if (
-            verdict is not None
-            and verdict.label == "found"
-            and np.mean(off**2) > JUMP_DEVIATIONS**2
-        ):
+        off, verdict = prior.deviation(end.pose) / np.sqrt(np.diag(prior.matrix)), judged.verdict
+        is_jump = np.mean(off**2) > JUMP_DEVIATIONS**2
+        if verdict is not None and verdict.label == "found" and is_jump:
             reason = "It jumped away from where its motion led."
             verdict = structs.replace(verdict, label="doubtful", reasons=(reason, *verdict.reasons))
         return replace(judged, verdict=verdict)
