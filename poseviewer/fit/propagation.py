@@ -69,6 +69,9 @@ DOUBT = 0.1
 """Change of visible fraction, of edge support and of the loss's third that asks for a full one."""
 OF_KEY = SearchResult(verdict=Verdict("found", 1.0))
 """Result of a key that was not searched for: its user vouches for it, so it hides others."""
+MIN_PROBABILITY = 0.2
+"""Probability of the verdict, which knows of no motion, from which a pose where the motion led is
+doubtful instead of lost."""
 MAX_DOUBTFUL = 5
 """Doubtful poses in a row that a track survives."""
 JUMP_PERCENT = 1.0
@@ -339,6 +342,10 @@ class _Chain:
         if verdict is not None and verdict.label == "found" and is_jump:
             reason = "It jumped away from where its motion led."
             verdict = structs.replace(verdict, label="doubtful", reasons=(reason, *verdict.reasons))
+        elif verdict is not None and verdict.probability >= MIN_PROBABILITY and not is_jump:
+            if verdict.label == "lost":  # of a search from far away: the motion speaks for it
+                verdict = structs.replace(verdict, label="doubtful")
+                judged = replace(judged, covariance=covariance)
         return replace(judged, verdict=verdict)
 
     def _blend(
