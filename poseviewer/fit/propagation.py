@@ -342,10 +342,10 @@ class _Chain:
         if verdict is not None and verdict.label == "found" and is_jump:
             reason = "It jumped away from where its motion led."
             verdict = structs.replace(verdict, label="doubtful", reasons=(reason, *verdict.reasons))
-        elif verdict is not None and verdict.probability >= MIN_PROBABILITY and not is_jump:
-            if verdict.label == "lost":  # of a search from far away: the motion speaks for it
-                verdict = structs.replace(verdict, label="doubtful")
-                judged = replace(judged, covariance=covariance)
+        is_likely = verdict is not None and verdict.probability >= MIN_PROBABILITY and not is_jump
+        if verdict is not None and verdict.label == "lost" and is_likely:
+            verdict = structs.replace(verdict, label="doubtful")
+            judged = replace(judged, covariance=covariance)
         return replace(judged, verdict=verdict)
 
     def _blend(
