@@ -260,7 +260,10 @@ class _Chain:
         poses, notes = dict[str, FramePose](), list[str]()
         name = self._scene.frames[frame_index].file.name
         for index in sorted(due, key=lambda index: scene.model_at(index).depth):
-            track = self._tracks.pop(index)
+            track, label = self._tracks.pop(index), scene.objects[index].label
+            if not scene.model_at(index).is_seen:
+                notes.append(f"{label} is lost in {name}: its motion leads out of the photo.")
+                continue
             try:
                 end = self._search(scene, index, track, priors[index])
                 scene = with_end(scene, index, end, self._renderers[index])
@@ -268,7 +271,6 @@ class _Chain:
                 notes.append(str(error))
                 continue
             except (OutsideChartError, np.linalg.LinAlgError):
-                label = scene.objects[index].label
                 notes.append(f"{label} is lost in {name}: it leaves the photo.")
                 continue
             item, verdict = scene.objects[index], end.verdict

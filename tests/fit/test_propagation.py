@@ -172,3 +172,12 @@ def test_times_may_repeat_and_be_uneven(times):
     (step,) = run(scene)
     assert step.frame_index == 2
     assert off(stored(scene, [step]), 2, ball(last)) < 1.0
+
+
+@pytest.mark.parametrize("left", [-40.0, 40.0])
+def test_a_key_outside_the_photo_ends_both_ways_with_a_sentence(left):
+    scene = sequence({1: [ball(1, left)]}, count=3)
+    steps = run(scene)
+    assert [step.frame_index for step in steps] == [0, 2]
+    assert all("is lost in" in step.note for step in steps)
+    assert not any(step.poses for step in steps)
