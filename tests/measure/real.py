@@ -96,13 +96,17 @@ def is_tuning(name: str) -> bool:
     return hashlib.sha256(name.encode()).digest()[0] % 2 == 0
 
 
-def start_trials(cases: Sequence[Case]) -> Iterator[Trial]:
-    """Automatic starts in the whole photo and in a rectangle, and the fits from them."""
+def start_trials(cases: Sequence[Case], features: Path | None = None) -> Iterator[Trial]:
+    """Automatic starts in the whole photo and in a rectangle, and the fits from them.
+
+    With a network of ``features`` in the whole photo alone.
+    """
     for case in cases:
         model, renderer = fetch_model(case.mesh)
         photo, camera = fetch_photo(case.photo), case.truth.camera
-        for box in (None, careless_box(case.name, model.mesh, case.truth)):
-            query = StartQuery(StartInputs(photo, model.mesh, model.keypoints), camera, box)
+        inputs = StartInputs(photo, model.mesh, model.keypoints)
+        for box in (None, careless_box(case.name, model.mesh, case.truth))[: 1 if features else 2]:
+            query = StartQuery(inputs, camera, box, features=features)
             began, proposals = time.perf_counter(), list[PoseHypothesis]()
             with suppress(QuickStartError):  # nothing was found
                 proposals = propose(query, renderer)
@@ -264,6 +268,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folders", type=Path, nargs="*", default=[DATA, DATA / "clutter"])
     parser.add_argument("--start", action="store_true", help="of what is seen nearly whole")
+    parser.add_argument("--features", type=Path, metavar="ONNX", help="network, for whole photos")
     parser.add_argument("--views", action="store_true", help="fits by several photos")
     parser.add_argument("--photos", type=list_of(whole), default=(1, 2, 3, 4), help="(1,2,3,4)")
     parser.add_argument("--cases", default="", help="only those whose id matches")
@@ -295,7 +300,7 @@ def _trials(options: argparse.Namespace) -> Iterator[Trial]:
         if options.views:
             yield from view_trials(cases, folder, options.photos, options.every)
         else:
-            yield from start_trials(cases[:: options.every])
+            yield from start_trials(cases[:: options.every], options.features)
 
 
 if __name__ == "__main__":
