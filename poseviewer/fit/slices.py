@@ -30,6 +30,8 @@ MAX_INTERPOLATION_ERROR = 0.05
 """Error, as a fraction of a map's range, up to which the next finer grid is interpolated."""
 WHOLE_GRIDS = 2
 """First grids that are not interpolated: their points must meet narrow valleys."""
+SHOWN_POINTS = 100
+"""Points of the first grid whose faces finer grids show: more hardly show others."""
 CHECK_POINTS = 8
 """Points of each map at which its interpolation is checked."""
 
@@ -174,9 +176,9 @@ class _Losses:
 
     @property
     def poses(self) -> list[list[Pose]]:
-        """Poses in each view at the points that are known; points without a pose are left out."""
+        """Poses in each view at some of the known points, those without a pose left out."""
         poses: list[tuple[Pose, ...]] = []
-        for point in self._known:
+        for point in list(self._known)[:: -(-len(self._known) // SHOWN_POINTS)]:
             with suppress(OutsideChartError):
                 poses.append(self._problem.poses(np.array(point)))
         return [list(of_view) for of_view in zip(*poses, strict=True)]
