@@ -12,6 +12,7 @@ from msgspec import structs
 from poseviewer.batch.job_table import Job, with_keys
 from poseviewer.batch.result_folder import Batch, Row
 from poseviewer.errors import BatchError
+from poseviewer.files.checks import is_there
 from poseviewer.files.formats.bop import (
     CAMERAS,
     MODEL_FILE,
@@ -55,6 +56,8 @@ def load_scene_jobs(
     for name in ("free_focal", "free_principal_point"):
         if getattr(settings, name):
             raise BatchError(f"{name} with a BOP scene, whose cameras are known; leave it out.")
+    if not is_there(scene / POSES):
+        raise BatchError(f"{scene}: no {POSES} in it; name the folder of a BOP scene.")
     if models is None:
         raise BatchError(
             f"{scene.name}: a BOP scene; name the folder of its models, of obj_000001.ply ..."

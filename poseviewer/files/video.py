@@ -91,7 +91,13 @@ def extract_frames(
             return folder, known
         make_folder(folder, PhotoFileError)
         write_json(folder / RECORD, structs.replace(known, every=()), PhotoFileError)
-        known = _read(file, every, folder, known, progress or (lambda _: None))
+        try:
+            known = _read(file, every, folder, known, progress or (lambda _: None))
+        finally:
+            if not any(folder.glob("*.jpg")):  # nothing to go on with
+                (folder / RECORD).unlink()
+                with suppress(OSError):
+                    folder.rmdir()
         write_json(folder / RECORD, known, PhotoFileError, indent=0)
         return folder, known
 

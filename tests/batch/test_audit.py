@@ -210,6 +210,8 @@ def test_what_cannot_be_audited_is_said(scene: Scene, audited: Path, tmp_path: P
     bop = audited / "000001"
     line = "audit", bop, "--out", tmp_path / "out"
     assert "name the folder of its models" in refusal(capsys, *line)
+    said = refusal(capsys, "audit", tmp_path, "--out", tmp_path / "out")
+    assert "no scene_gt.json in it" in said
     results = write_table(scene, tmp_path, 0, f"p.png,{scene.model},auto\n").parent / "results"
     batch = open_batch(tmp_path / "jobs.csv", results, QUICK)
     with pytest.raises(BatchError, match="no row of the batch has a pose"):

@@ -107,6 +107,7 @@ def test_what_is_no_video_is_said(tmp_path: Path, data, words) -> None:
         (tmp_path / "clip.mp4").write_bytes(data)
     with pytest.raises(PhotoFileError, match=words):
         load_sequence(tmp_path / "clip.mp4")
+    assert not (tmp_path / "clip.frames").exists()
 
 
 def test_a_video_without_a_frame_is_said(tmp_path: Path) -> None:
