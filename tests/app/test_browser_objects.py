@@ -1,5 +1,6 @@
 """The list of several objects in one photo, in real Chromium."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ from playwright.sync_api import Browser
 
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage
-from tests.several import CAMERA, IDS, MESHES, TRUTH, make_three
+from tests.several import CAMERA, IDS, MESHES, STARTS, TRUTH, make_three
 
 pytestmark = pytest.mark.slow
 
@@ -21,6 +22,27 @@ def picked(tab: AppPage) -> str:
 
 def middle(index: int) -> np.ndarray:
     return TRUTH[index].pose.project(MESHES[index].centre)
+
+
+def border(index: int, side: int) -> list[float]:
+    """The place at the left (-1) or right (1) of an object's outline, in the photo."""
+    drawn = STARTS[index].pose.project(MESHES[index].vertices)
+    return drawn[np.argmax(side * drawn[:, 0])].tolist()
+
+
+def colours_of(tab: AppPage) -> list[list[int]]:
+    """RGB of the objects in the list."""
+    styles = tab.page.locator(".pv-objects i").evaluate_all(
+        "all => all.map(i => i.style.background)"
+    )
+    return [[int(value) for value in re.findall(r"\d+", style)] for style in styles]
+
+
+def has_colour(tab: AppPage, colour: list[int], place: list[float]) -> bool:
+    """Whether a colour is seen about a place in the photo."""
+    x, y = tab.on_screen(place, SIZE)
+    about = tab.settled_picture((x, y), 12.0).astype(int)
+    return np.count_nonzero(np.abs(about - colour).max(axis=-1) < 140) > 5  # it is drawn paler
 
 
 def test_objects_are_removed_added_placed_hidden_and_picked(browser: Browser, tmp_path: Path):
@@ -47,6 +69,14 @@ def test_objects_are_removed_added_placed_hidden_and_picked(browser: Browser, tm
         for index, name in enumerate(("ball", "front"), 1):
             tab.page.locator(".pv-objects tr").nth(index - 1).click()
             tab.until(lambda name=name: picked(tab) == name)
+            # Whichever is picked, each keeps its colour.
+            ball, front, _ = colours_of(tab)
+            for place, colour, other in (
+                (border(0, -1), ball, front),
+                (border(1, 1), front, ball),
+            ):
+                tab.until(lambda at=place, own=colour: has_colour(tab, own, at))
+                tab.until(lambda at=place, not_own=other: not has_colour(tab, not_own, at))
             with tab.page.expect_download() as download:
                 tab.page.get_by_role("button", name="Export as ...").click()
             names.add(download.value.suggested_filename)

@@ -1,4 +1,6 @@
-"""Files as people have them, dropped on the page in real Chromium: several, a folder."""
+"""Files as people have them, dropped on the page in real Chromium: several, a folder; and what the
+page says of them.
+"""
 
 import shutil
 from collections.abc import Iterator
@@ -11,6 +13,7 @@ from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage
 from tests.scene import Scene, make_scene
 from tests.textured import write_gltf, write_obj
+from tests.writing import write
 
 pytestmark = pytest.mark.slow
 TARGET = "getComputedStyle(document.body, '::after').content"
@@ -113,3 +116,35 @@ def test_what_cannot_be_used_is_one_sentence_and_nothing_is_lost(page: AppPage, 
         page.drop_files([path])
         page.wait_for_text(words)
     page.wait_for_text("1,280 triangles")
+
+
+def test_many_notes_leave_the_photo_free_and_no_sentence_names_a_flag(
+    page: AppPage, tmp_path: Path
+):
+    path = write_obj(tmp_path, "0.png")
+    with path.open("a") as shape, path.with_suffix(".mtl").open("a") as paints:
+        for number in range(1, 40):
+            shape.write(f"usemtl {number}\nf 1/1 2/2 3/3\n")
+            paints.write(f"newmtl {number}\nmap_Kd {number}.png\n")
+    page.drop_files(sorted(tmp_path.iterdir()))
+    words = "Texture left out: 39.png is not there"
+    notice = page.page.get_by_role("alert").filter(has_text=words)
+    notice.wait_for()
+    kept = page.page.get_by_role("listitem").filter(has_text=words).bounding_box()
+    assert kept is not None
+    assert kept["x"] + kept["width"] <= page.view()["box"][0]  # beside the photo
+    # Meanwhile, sentences that name options where they are said on the command line.
+    write(tmp_path / "T.json", {"rotation": [1, 2, 3]})
+    said = page.page.get_by_role("alert")
+    page.drop_files([tmp_path / "T.json"])
+    said.filter(has_text="no pose of poseviewer's").wait_for()
+    assert not [text for text in said.all_inner_texts() if "--" in text]
+    page.open_step(5)
+    page.page.get_by_label("Format", exact=True).first.click()
+    page.page.get_by_role("option", name="bop", exact=True).click()
+    page.page.get_by_role("button", name="Export as ...").click()
+    said.filter(has_text="say it with Model's unit").wait_for()
+    assert not [text for text in said.all_inner_texts() if "--" in text]
+    notice.wait_for(state="hidden")  # it lay over the photo
+    page.open_step(1)
+    back_to_the_scene(page)
