@@ -42,7 +42,8 @@ def has_colour(tab: AppPage, colour: list[int], place: list[float]) -> bool:
     """Whether a colour is seen about a place in the photo."""
     x, y = tab.on_screen(place, SIZE)
     about = tab.settled_picture((x, y), 12.0).astype(int)
-    return np.count_nonzero(np.abs(about - colour).max(axis=-1) < 140) > 5  # it is drawn paler
+    is_near = np.abs(about - colour).max(axis=-1) < 140  # it is drawn paler
+    return int(np.count_nonzero(is_near)) > 5
 
 
 def test_objects_are_removed_added_placed_hidden_and_picked(browser: Browser, tmp_path: Path):
