@@ -123,12 +123,9 @@ def test_a_pose_by_another_camera_is_refused_for_a_scene(out):
 
 def test_a_scene_that_lacks_something_is_said(scene, tmp_path):
     bop, models = make_bop(scene, tmp_path)
-    (bop / "scene_gt.json").unlink()
-    lacks = {
-        None: "of its models",
-        models: "scene_gt.json: no such file",
-        bop / "o": "no such folder",
-    }
-    for folder, words in lacks.items():
+    for folder, words in {None: "of its models", bop / "o": "no such folder"}.items():
         with pytest.raises(PoseViewerError, match=words):
             open_batch(bop, tmp_path / "out", QUICK, models=folder)
+    (bop / "scene_gt.json").unlink()
+    with pytest.raises(PoseViewerError, match=r"no scene_gt\.json in it"):
+        open_batch(bop, tmp_path / "out", QUICK, models=models)
