@@ -55,7 +55,7 @@ from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import visible_fraction
 from poseviewer.render.renderers import make_renderer
 from poseviewer.scene.assets import ModelFile
-from poseviewer.scene.sequence import store_poses
+from poseviewer.scene.sequence import require_keys, store_poses
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import Scene, SceneObject
 from poseviewer.starts.automatic import AUTOMATIC
@@ -456,12 +456,9 @@ class Registration(PosedScene):
         Raises:
             SettingsError: the scene is no sequence, or has no keys.
         """
-        frames, ids = self.scene.frames, {self.objects[i].id for i in self.indices}
-        if not any(pose.source == "key" for f in frames for i, pose in f.poses.items() if i in ids):
-            found = f"{self.scene.name or 'the scene'}: {len(frames)} frames, and no pose is a key"
-            raise SettingsError(f"{found}; place the model in a frame of a sequence.")
+        require_keys(self.scene, [self.objects[index].id for index in self.indices])
         renderers = {i: self.renderers[self.objects[i].mesh] for i in self.indices}
-        last = len(frames) - 1 if last is None else last
+        last = len(self.scene.frames) - 1 if last is None else last
         return propagate(self.scene, renderers, first, last, self.indices, threads)
 
     def track(

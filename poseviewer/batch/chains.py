@@ -25,13 +25,13 @@ from poseviewer.batch.result_folder import (
     save_table,
 )
 from poseviewer.batch.run_row import result_files, shrink_picture
-from poseviewer.errors import BatchError, PoseViewerError, SettingsError
+from poseviewer.errors import BatchError, PoseViewerError
 from poseviewer.files.formats.sequence_export import sequence_table
 from poseviewer.files.photo import save_image
 from poseviewer.files.scene_json import as_saved, load_scene, save_scene, scene_contents
 from poseviewer.files.writing import make_folder, require_replaceable, write_whole
 from poseviewer.fit.propagation import FrameStep, find_chains
-from poseviewer.scene.sequence import remove_propagated, show_frame
+from poseviewer.scene.sequence import remove_propagated, require_keys, show_frame
 from poseviewer.scene.types import Scene
 from poseviewer.starts.loading import open_scene_files
 
@@ -55,10 +55,8 @@ def open_chains(scene: Scene, folder: str | Path) -> Batch:
     """
     folder, jobs = Path(folder).resolve(), []
     last = len(scene.frames) - 1
-    chains = find_chains(scene, 0, last, range(len(scene.objects))) if scene.frames else []
-    if not chains:
-        found = f"{scene.name or 'the scene'}: {len(scene.frames)} frames, and no pose is a key"
-        raise SettingsError(f"{found}; place the model in a frame of a sequence.")
+    require_keys(scene, [item.id for item in scene.objects])
+    chains = find_chains(scene, 0, last, range(len(scene.objects)))
     for item in scene.objects:
         scene = remove_propagated(scene, item.id, 0, last)
     for name in (ROWS, POSES, PICTURES, CHAINS):
@@ -75,7 +73,7 @@ def open_chains(scene: Scene, folder: str | Path) -> Batch:
         save_scene(folder / start, as_saved(part))
         key = hashlib.sha256(b"".join(contents.values())).hexdigest()[:KEY_LENGTH]
         name = scene.frames[first].file.name
-        jobs.append(Job(row, name, "", start, str(folder), key, f"{first},{end}"))
+        jobs.append(Job(row, name, "", start, str(folder), key))
     return Batch(folder, tuple(jobs))
 
 
@@ -132,7 +130,7 @@ def save_sequence(batch: Batch) -> tuple[Scene, list[str]]:
     frames = list(scene.frames)
     for job in batch.jobs:
         pose_name, _ = result_files(job)
-        first = int(job.box.split(",")[0])
+        first = int(Path(job.start).stem.split("-")[0])
         if (batch.folder / pose_name).exists():
             for index, frame in enumerate(load_scene(batch.folder / pose_name).frames, first):
                 poses = {**frame.poses, **frames[index].poses}

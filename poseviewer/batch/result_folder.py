@@ -92,14 +92,14 @@ class JobResult:
     size_percent_std: float | None = None
     principal_px_std: float | None = None
     finding: str = ""
-    """In an audit, ``moved`` or ``unexplained``; empty: the given pose may stay."""
+    """Finding of an audit, ``moved`` or ``unexplained``; empty: the given pose may stay."""
     moved_percent: float | None = None
-    """In an audit, mean distance in the photo from the given pose, in % of the object's size."""
+    """Mean distance in the photo from the given pose of an audit, in % of the object's size."""
     moved_px: float | None = None
     moved_deviations: float | None = None
-    """In an audit, distance from the given pose, in stated standard deviations; None: not known."""
+    """Distance from the given pose of an audit, in stated standard deviations; None: not known."""
     given_verdict: str = ""
-    """In an audit, verdict at the given pose."""
+    """Verdict at the given pose of an audit."""
     review: str = ""
     """Review by a person: ``accepted``, ``mended`` by hand, ``rejected``; ``kept`` in an audit."""
     note: str = ""

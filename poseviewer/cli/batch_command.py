@@ -4,11 +4,10 @@ a batch that was stopped.
 """
 
 from argparse import Namespace
-from contextlib import closing
 
 from poseviewer.cli import options as table
 from poseviewer.cli.case import make_settings
-from poseviewer.cli.terminal import progress_bar, say, tell
+from poseviewer.cli.terminal import say, take_all, tell
 from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE
 
 OUT = (
@@ -52,14 +51,8 @@ def run_rows(options: Namespace, is_audit: bool = False) -> int:
     keys = {job.key for job in to_do}
     if (done := sum(job.key not in keys for job in batch.jobs)) and not options.quiet:
         tell(f"{done} of {count} rows were done before.")
-    stopped = False
     results = run_batch(batch, to_do, scheduler=options.scheduler, processes=options.processes)
-    with closing(results), progress_bar(len(to_do), options.quiet) as bar:
-        try:
-            for _ in results:
-                bar.update()
-        except KeyboardInterrupt:
-            stopped = True
+    stopped = take_all(results, len(to_do), options.quiet)
     rows = save_summaries(batch)
     failed = sum(row.result.failed for row in rows)
     more = "; stopped, run it again to go on" if stopped else ""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Generator
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -57,3 +59,14 @@ def require_writable(path: Path, error: type[PoseViewerError]) -> None:
     require_replaceable(path, error)
     if not os.access(path.parent, os.W_OK):
         raise error(f"{path}: {path.parent} is not yours to write to; write elsewhere")
+
+
+def take_all(results: Generator[object, None, None], count: int, quiet: bool) -> bool:
+    """Take all results, with a progress bar of ``count``; tell whether Ctrl-C has ended that."""
+    with closing(results), progress_bar(count, quiet) as bar:
+        try:
+            for _ in results:
+                bar.update()
+        except KeyboardInterrupt:
+            return True
+    return False

@@ -5,13 +5,12 @@ The same command continues a sequence that was stopped.
 from __future__ import annotations
 
 from argparse import Namespace
-from contextlib import closing
 from functools import partial
 from typing import TYPE_CHECKING
 
 from poseviewer.cli import options as table
 from poseviewer.cli.case import calibration_of, load_named_sequence
-from poseviewer.cli.terminal import progress_bar, say, tell, tell_of_compiling
+from poseviewer.cli.terminal import say, take_all, tell, tell_of_compiling
 from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE, SettingsError
 
 if TYPE_CHECKING:
@@ -49,21 +48,13 @@ def run(options: Namespace) -> int:
 
     tell_of_compiling()
     batch = open_chains(_open(options), options.out)
-    to_do, stopped = batch.to_do(), False
+    to_do = batch.to_do()
     if (done := len(batch.jobs) - len(to_do)) and not options.quiet:
         tell(f"{done} of {len(batch.jobs)} chains were done before.")
     processes = options.processes or min(processors(), max(len(to_do), 1))
     job = partial(run_chain, threads=max(1, processors() // processes))
     how = {"scheduler": options.scheduler, "processes": processes, "run": job}
-    with (
-        closing(run_batch(batch, to_do, **how)) as results,
-        progress_bar(len(to_do), options.quiet) as bar,
-    ):
-        try:
-            for _ in results:
-                bar.update()
-        except KeyboardInterrupt:
-            stopped = True
+    stopped = take_all(run_batch(batch, to_do, **how), len(to_do), options.quiet)
     scene, notes = save_sequence(batch)
     for note in notes:
         say(note)

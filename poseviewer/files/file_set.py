@@ -39,7 +39,7 @@ OF_MODELS = (".mtl", ".bin")
 OF_SEVERAL = (
     "the file that says where their cameras stood; or frames of a sequence, numbered, in one folder"
 )
-"""What tells how several photos belong together."""
+"""Demand of errors: how several photos belong together."""
 NO_PICTURES = (*OF_MODELS, ".json")
 """Files that models name, beside pictures."""
 SYSTEM_NAMES = ("__macosx", "thumbs.db", "desktop.ini")

@@ -4,7 +4,7 @@ The scene's photo and its objects' poses are those of the frame that is shown. `
 keeps the poses of all frames: *keys*, which the user has placed, and propagated ones.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
 from poseviewer.errors import SettingsError
@@ -91,10 +91,10 @@ def remove_propagated(scene: Scene, object_id: str, first: int, last: int) -> Sc
         last: index of the last frame.
     """
 
-    def without(pose: FramePose) -> FramePose | None:
-        return pose if pose.source == "key" else None
+    def keep_key(name: str, pose: FramePose) -> FramePose | None:
+        return pose if pose.source == "key" or name != object_id else None
 
-    return show_frame(_change(scene, object_id, first, last, without), scene.frame_index)
+    return show_frame(change_poses(scene, keep_key, first, last), scene.frame_index)
 
 
 def neighbouring_keys(scene: Scene, object_id: str, frame_index: int) -> tuple[int, int]:
@@ -108,10 +108,12 @@ def neighbouring_keys(scene: Scene, object_id: str, frame_index: int) -> tuple[i
 
 def _with_key(scene: Scene, object_id: str, shown: int, key: FramePose | None) -> Scene:
     before, after = neighbouring_keys(scene, object_id, shown)
-    scene = _change(
-        scene, object_id, before + 1, after - 1,
-        lambda pose: pose if pose.source == "key" else replace(pose, is_stale=True),
-    )  # fmt: skip
+
+    def make_stale(name: str, pose: FramePose) -> FramePose:
+        is_kept = pose.source == "key" or name != object_id
+        return pose if is_kept else replace(pose, is_stale=True)
+
+    scene = change_poses(scene, make_stale, before + 1, after - 1)
     frame = scene.frames[shown]
     poses = {name: pose for name, pose in frame.poses.items() if name != object_id}
     poses |= {} if key is None else {object_id: key}
@@ -119,20 +121,36 @@ def _with_key(scene: Scene, object_id: str, shown: int, key: FramePose | None) -
     return replace(scene, frames=frames)
 
 
-def _change(
+def change_poses(
     scene: Scene,
-    object_id: str,
-    first: int,
-    last: int,
-    change: Callable[[FramePose], FramePose | None],
+    change: Callable[[str, FramePose], FramePose | None],
+    first: int = 0,
+    last: int | None = None,
 ) -> Scene:
-    """Change or remove an object's poses in the frames ``first`` to ``last``."""
+    """Change or remove poses in some frames.
+
+    Args:
+        scene: sequence.
+        change: gives the new pose of an object's id and pose; None: without a pose.
+        first: index of the first frame.
+        last: index of the last frame; None: that of the sequence.
+    """
     frames = list(scene.frames)
-    for index in range(max(first, 0), min(last + 1, len(frames))):
-        pose = frames[index].poses.get(object_id)
-        if pose is not None:
-            changed = change(pose)
-            poses = {n: p for n, p in frames[index].poses.items() if n != object_id}
-            poses |= {} if changed is None else {object_id: changed}
-            frames[index] = replace(frames[index], poses=poses)
+    end = len(frames) if last is None else min(last + 1, len(frames))
+    for index in range(max(first, 0), end):
+        old = frames[index].poses
+        new = {name: pose for name, own in old.items() if (pose := change(name, own)) is not None}
+        if any(new.get(name) is not pose for name, pose in old.items()):
+            frames[index] = replace(frames[index], poses=new)
     return replace(scene, frames=tuple(frames))
+
+
+def require_keys(scene: Scene, object_ids: Collection[str]) -> None:
+    """Require a key of one of some objects.
+
+    Raises:
+        SettingsError: the scene is no sequence, or none of the objects has a key.
+    """
+    if not any(key_indices(scene, object_id) for object_id in object_ids):
+        found = f"{scene.name or 'the scene'}: {len(scene.frames)} frames, and no pose is a key"
+        raise SettingsError(f"{found}; place the model in a frame of a sequence.")

@@ -26,7 +26,8 @@ def here(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
     def run_here(function, jobs, _):
         for job in jobs:
-            begun.append(job.box)
+            first, last = map(int, Path(job.start).stem.split("-"))
+            begun.append(f"{first},{last}")
             yield job, function(job)
 
     monkeypatch.setattr("poseviewer.batch.run.run_in_processes", run_here)

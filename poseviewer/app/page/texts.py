@@ -68,7 +68,7 @@ MODEL_HINT = "<b>now open the model of this photo</b>: Open, Model ..."
 WHEELS_HINT = (
     "<b>Wheels</b>, at the left: mark the wheels of the model once, and cars are found by them"
 )
-"""What helps where the model looks like a car, and its wheels are not known."""
+"""Hint where the model looks like a car, and its wheels are not known."""
 LOOKING_HINT = "<b>Looking for the object ...</b> &nbsp;·&nbsp; Esc stops"
 PROPOSED_HINT = (
     "<b>the likeliest proposal is fitted ...</b> &nbsp;·&nbsp; or <b>press where the object is</b> "

@@ -28,7 +28,7 @@ FrameCommand = Literal[
     "to start", "to next key", "to end", "between keys",
     "clear between", "keep keys", "remove key", "stop", "graph",
 ]  # fmt: skip
-"""What a button of the time line does."""
+"""Command of a button of the time line."""
 Share = Annotated[float, Meta(ge=-1e6, le=1e6)]
 """Place along the time line, in shares of its width."""
 

@@ -1,11 +1,11 @@
 """Keys of a sequence, from the poses that an edit has changed."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 
 from poseviewer.app.state.document import Document, with_camera
-from poseviewer.scene.sequence import store_key
-from poseviewer.scene.types import Frame, FramePose, Scene
+from poseviewer.scene.sequence import change_poses, store_key
+from poseviewer.scene.types import FramePose, Scene
 
 
 def store_changed_poses(before: Document, now: Document) -> Document:
@@ -21,10 +21,10 @@ def store_changed_poses(before: Document, now: Document) -> Document:
     models = {item.id: item.model for item in scene.objects}
     gone = {name for name, item in was.items() if models.get(name) != item.model}
     if gone:
-        scene = _change_poses(scene, lambda name, pose: None if name in gone else pose)
+        scene = change_poses(scene, lambda name, pose: None if name in gone else pose)
     has_new_camera = old.views[0].camera != scene.views[0].camera
     if has_new_camera:
-        scene = _change_poses(scene, _by_camera(old, scene))
+        scene = change_poses(scene, _by_camera(old, scene))
     for index, item in enumerate(scene.objects):
         known, has_pose = was.get(item.id), item.id in scene.frames[scene.frame_index].poses
         old_place = known.world_from_model if known and known.is_placed else None
@@ -45,14 +45,3 @@ def _by_camera(old: Scene, now: Scene) -> Callable[[str, FramePose], FramePose]:
         return replace(pose, world_from_model=place, result=None, is_stale=is_stale)
 
     return change
-
-
-def _change_poses(scene: Scene, change: Callable[[str, FramePose], FramePose | None]) -> Scene:
-    """Change or drop the poses of all frames."""
-
-    def change_all(poses: Mapping[str, FramePose]) -> dict[str, FramePose]:
-        pairs = ((name, change(name, pose)) for name, pose in poses.items())
-        return {name: pose for name, pose in pairs if pose is not None}
-
-    frames: tuple[Frame, ...] = tuple(replace(f, poses=change_all(f.poses)) for f in scene.frames)
-    return replace(scene, frames=frames)

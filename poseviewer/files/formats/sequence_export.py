@@ -45,7 +45,7 @@ ASSUMED_RATE = 30.0
 
 @dataclass(frozen=True, slots=True)
 class SequencePictures:
-    """What draws the pictures of exports, as renderers do not belong to files."""
+    """Functions that draw the pictures of exports: this package has no renderers."""
 
     draw: Callable[[Scene], NDArray[np.uint8]]
     """Draws the objects over the photo of a frame: (height, width, 3), RGB."""
