@@ -58,6 +58,7 @@ class App:
         document: Document,
         state: Path,
         review: Reviewer | None = None,
+        features: Path | None = None,
     ) -> None:
         sys.setswitchinterval(SWITCH_INTERVAL_S)
         self._mailbox: Mailbox[Request] = Mailbox()
@@ -70,7 +71,7 @@ class App:
         self._drawer = drawing(notify)
         self._searcher = searching()
         self._mapper = mapping()
-        self._proposer = proposing(notify)
+        self._proposer = proposing(notify, features)
         makers = refining, picturing, reading, outlining, preparing, frame_reading, tracking
         workers = self._autosaver.job, self._drawer, self._proposer, self._searcher, self._mapper
         workers += () if review is None else (review.job,)

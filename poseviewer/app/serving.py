@@ -34,6 +34,7 @@ def serve_app(
     port: int | None,
     browser: bool,
     tell: Callable[[str], None],
+    features: Path | None = None,
 ) -> None:
     """Serve the app until it is interrupted; the address is told before files are read.
 
@@ -43,6 +44,7 @@ def serve_app(
         port: to listen at; None: the first free one from 8080 on.
         browser: whether to open the browser.
         tell: prints a line.
+        features: weights of a DINOv2 backbone, which proposes rectangles.
 
     Raises:
         PoseViewerError: the address is taken, or the document cannot be opened.
@@ -67,7 +69,7 @@ def serve_app(
         document, review = open_first()
         from poseviewer.app.app import App
 
-        app = App(guarded.server, document, state, review)
+        app = App(guarded.server, document, state, review, features)
         for name in (signal.SIGINT, signal.SIGTERM):
             signal.signal(name, lambda *_: app.stop())
         if signals:

@@ -152,6 +152,8 @@ class Batch:
     """Whether the starts are given poses, to be compared with those found."""
     sequence: str | None = None
     """Scene file of a sequence whose poses are audited, absolute; None: they are of no sequence."""
+    features: Path | None = None
+    """Weights of a DINOv2 backbone for starts ``auto`` without a box; not in ``batch.json``."""
 
     def rows(self) -> list[Row]:
         """Read the rows that have a result, in their order."""

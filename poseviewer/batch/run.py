@@ -32,6 +32,8 @@ from poseviewer.files.writing import make_folder, require_replaceable
 from poseviewer.processes import run_in_processes
 from poseviewer.render.pool import processors
 from poseviewer.scene.settings import FitSettings
+from poseviewer.starts.automatic import AUTOMATIC
+from poseviewer.starts.patch_features import PatchEncoder
 
 DIED = "each process that fitted it died; is there memory enough for the photo and the model?"
 """Reason of a row whose processes ended without a result."""
@@ -45,6 +47,7 @@ def open_batch(
     models: Path | None = None,
     objects: Sequence[int] = (),
     is_audit: bool = False,
+    features: Path | None = None,
 ) -> Batch:
     """Read a table or a BOP scene, and make the folder of results.
 
@@ -57,8 +60,10 @@ def open_batch(
         models: folder of a BOP scene's models.
         objects: numbers of a BOP scene's objects to fit; empty: all with poses.
         is_audit: whether the starts are given poses, to be compared with those found.
+        features: weights of a DINOv2 backbone, for starts ``auto`` without a box.
 
     Raises:
+        SettingsError: the weights cannot be used.
         BatchError: the table or scene has no rows, or the folder cannot be used.
     """
     table = Path(table)
@@ -80,6 +85,13 @@ def open_batch(
         jobs = load_given_jobs(table.resolve(), settings)
     else:
         jobs = load_jobs(table, settings)
+    if features is not None:
+        PatchEncoder.load(features)  # an error is told before anything is written
+        if not any(job.start == AUTOMATIC and not job.box for job in jobs):
+            raise BatchError(
+                f"features with {table.name}, where no row has the start {AUTOMATIC} without a "
+                "box: leave them out."
+            )
     if folder.exists() and folder.samefile(scene or table):
         raise BatchError(f"{folder}: is what is read; name another folder for the results.")
     if is_audit:  # the same rows of a batch have other results
@@ -87,7 +99,7 @@ def open_batch(
     for name in (TABLE, REPORT, MANIFEST, *([table.name] if is_sequence else [])):
         require_replaceable(folder / name, BatchError)
     sequence = str(table.resolve()) if is_sequence else None
-    given = scene, mask.resolve() if mask else None, is_audit, sequence
+    given = scene, mask and mask.resolve(), is_audit, sequence, features and features.resolve()
     batch = Batch(folder, jobs, settings, *given)
     for name in (ROWS, POSES, PICTURES):
         make_folder(folder / name, BatchError)

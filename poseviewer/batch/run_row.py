@@ -68,8 +68,9 @@ def _fit(job: Job, plan: Batch) -> FitResult:
         raise SettingsError("the start auto in an audit; name the file of the given pose.")
     path, box = job.path(job.model), job.rectangle()
     model, renderer = _load_model_once(path, file_stamp(path), plan.settings)
-    start = AutoStart(box) if job.start == AUTOMATIC else job.path(job.start)
-    if box is not None and not isinstance(start, AutoStart):
+    is_auto = job.start == AUTOMATIC
+    start = AutoStart(box, features=plan.features) if is_auto else job.path(job.start)
+    if box is not None and not is_auto:
         raise SettingsError(
             f"a box with the start {job.start}; a box is for the start auto, empty the cell."
         )

@@ -30,6 +30,7 @@ OPTIONS = {
         table.MASK,
         table.WITHOUT,
         table.APP_RENDERER,
+        table.FEATURES,
         *table.SERVER,
     ),
     "a sequence": table.SEQUENCE,
@@ -134,5 +135,10 @@ def run(options: Namespace) -> int:
         require_renderer(document.settings.renderer)
         return document, None
 
-    serve_app(open_first, tell=say, **table.values(options, table.SERVER))
+    features: Path | None = options.features
+    if features is not None:
+        from poseviewer.starts.patch_features import PatchEncoder
+
+        PatchEncoder.load(features)  # an error is printed before the page opens
+    serve_app(open_first, tell=say, features=features, **table.values(options, table.SERVER))
     return 0

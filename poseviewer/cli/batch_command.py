@@ -27,7 +27,7 @@ OPTIONS = {
     ),
     "BOP scene": BOP_SCENE,
     "comparison": table.COMPARED,
-    "search": (*table.LIMITS, table.KEEP_START),
+    "search": (*table.LIMITS, table.KEEP_START, table.FEATURES),
 }
 EXAMPLES = (
     "poseviewer batch jobs.csv --out results",
@@ -46,7 +46,8 @@ def run_rows(options: Namespace, is_audit: bool = False) -> int:
     from poseviewer.batch.run import open_batch, run_batch, save_summaries
 
     named = options.jobs, options.out, make_settings(options), options.mask
-    batch = open_batch(*named, options.models, options.objects or (), is_audit)
+    features = getattr(options, "features", None)
+    batch = open_batch(*named, options.models, options.objects or (), is_audit, features)
     to_do, count = batch.to_do(), len(batch.jobs)
     keys = {job.key for job in to_do}
     if (done := sum(job.key not in keys for job in batch.jobs)) and not options.quiet:

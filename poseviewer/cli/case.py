@@ -99,6 +99,8 @@ def load_named(options: Namespace) -> Registration:
     given = vars(options)
     if settings.renderer != "opengl":
         tell_of_compiling()
+    if files.scene is not None:
+        table.refuse(options, (table.FEATURES,), SAYS.format(files.scene.name))
     parallel = given.get("projection") == "parallel"
     camera = StartCamera(parallel, given.get("focal"), options.free_focal)
     with progress_bar(None, options.quiet) as bar:

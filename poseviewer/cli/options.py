@@ -247,7 +247,8 @@ OBJECT = option("--object ID", "choose this object of the scene (default: all, o
 POSE = option("--pose POSE.json", "take the pose from this file (default: none)")
 BOX = option(f"--box {RECTANGLE}", "find the start in here, in px (default: the full image)")
 FEATURES = option(
-    "--features FILE.onnx", "propose rectangles by this DINOv2 backbone (default: none)"
+    "--features FILE.safetensors",
+    "find untextured models in the full image by these weights of DINOv2 (default: none)",
 )
 INSTANCES = option("--instances N", "find N instances of the model in the photo (default: 1)")
 FOCAL = option("--focal PX", "set a focal length that no pose file gives, in px (default: EXIF's)")
@@ -262,7 +263,7 @@ STARTS = (
     option("--start", "find it in --box, --region or the full image (default: none)", ("auto",)),
 )
 """Options that give the start pose."""
-OF_A_PHOTO = (MASK, CALIBRATION, BOX, INSTANCES, FEATURES, FOCAL)
+OF_A_PHOTO = (MASK, CALIBRATION, BOX, INSTANCES, FOCAL)
 """Options refused with a set of photos or a scene, whose files have these values."""
 
 

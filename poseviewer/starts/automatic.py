@@ -6,6 +6,7 @@ loss on the coarsest pyramid level; the best that differ are improved by short d
 these by longer ones, and a few pose hypotheses are left.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -31,8 +32,9 @@ from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import Level, make_level
 from poseviewer.render.renderers import make_renderer
 from poseviewer.scene.settings import FitSettings, Limits
-from poseviewer.starts.learned import propose_rectangles
+from poseviewer.starts.learned import compare_with_photo, propose_rectangles
 from poseviewer.starts.loading import Start, StartInputs
+from poseviewer.starts.patch_features import PatchEncoder
 from poseviewer.starts.texture_features import SURE_INLIERS, poses_from_features
 from poseviewer.starts.views import ViewPoses, ground_views, poses_filling, sample_rotations
 from poseviewer.starts.wheels import likely_wheels
@@ -73,12 +75,20 @@ PHOTO_SIDE_PX = 200.0
 ROUNDS = ((32, 24, 0.12, SIDE_PX), (10, 80, 0.08, 60.0))
 """Rounds of descents from the best poses so far: their number; evaluations of each; edge of its
 simplex, radians and shares of the radius; side of the rectangle on the level, px."""
+SHORT_ROUND = (8, *ROUNDS[0][1:])
+"""Round of fewer descents, for each of several rectangles."""
 MAX_HYPOTHESES = 5
 """Hypotheses for a user to choose from."""
 GROWTH = 0.15
 """Growth of a rectangle that a network proposes, as a share of its sides."""
+ROTATIONS_PER_RECTANGLE = 1200
+"""Views that are tried in each of these rectangles."""
 POSES_PER_RECTANGLE = 2
 """Poses in each of these rectangles that are compared in the whole photo."""
+EVEN_COSINE = 0.52
+"""Cosine of a pose in them that is as likely right as wrong, fitted to photos with known poses."""
+COSINE_SCALE = 0.04
+"""Rise of the cosine that makes it e times as likely right."""
 INLIER_POWER = 4
 """Exponent of the number of inliers in the odds of a pose by texture features."""
 EVEN_INLIERS = 7**4
@@ -106,7 +116,7 @@ class StartQuery:
     """Rectangle about the object; None: it may be anywhere in the photo."""
     settings: FitSettings = field(default_factory=FitSettings)
     features: Path | None = None
-    """ONNX file of a DINOv2 backbone that proposes rectangles where none is given."""
+    """Weights of a DINOv2 backbone that proposes rectangles where none is given."""
 
     @property
     def points(self) -> FloatArray:
@@ -205,17 +215,19 @@ def propose(
     renderer = make_renderer(query.inputs.mesh) if renderer is None else renderer
     search = _ViewSearch(query, query.box, query.photo, renderer, begin, watch)
     if query.rectangle is None:
-        hypotheses = _with_wheels(search, [], PHOTO_SIDE_PX) or _in_proposed_rectangles(search)
+        by_wheels = with_probabilities(_with_wheels(search, [], PHOTO_SIDE_PX))
+        hypotheses = by_wheels or _in_proposed_rectangles(search)
         sentence = (
             "The model was not found in the photo by its texture or by a car's wheels; draw a "
             "rectangle about it (Fit to box), or give the box left,top,width,height."
         )
     else:
-        hypotheses = _with_wheels(search, search.best_views(query.views()), SIDE_PX)
+        views = search.best_views(query.views())
+        hypotheses = with_probabilities(_with_wheels(search, views, SIDE_PX))
         sentence = "No view of the model fits there; lay the rectangle closer about the object."
     if not hypotheses:
         raise QuickStartError(sentence)
-    return with_probabilities(hypotheses)
+    return hypotheses
 
 
 def _from_features(query: StartQuery, watch: Callable[[], object]) -> list[PoseHypothesis]:
@@ -227,6 +239,8 @@ def _from_features(query: StartQuery, watch: Callable[[], object]) -> list[PoseH
 
 def with_probabilities(hypotheses: Sequence[PoseHypothesis]) -> list[PoseHypothesis]:
     """Give hypotheses, the best first, probabilities by the first one's lead over the second."""
+    if not hypotheses:
+        return []
     lead = hypotheses[1].loss - hypotheses[0].loss if len(hypotheses) > 1 else 1.0
     first = lead**LEAD_POWER / (lead**LEAD_POWER + EVEN_LEAD)
     each = [first] + [OTHERS_SHARE * (1.0 - first)] * (len(hypotheses) - 1)
@@ -244,17 +258,24 @@ class _ViewSearch:
     begin: BeginThread | None
     watch: Callable[[], object]
 
-    def best_views(self, views: ViewPoses) -> list[PoseHypothesis]:
+    def best_views(
+        self, views: ViewPoses, rounds: Sequence[tuple[int, int, float, float]] = ROUNDS
+    ) -> list[PoseHypothesis]:
         """Return the best views that differ, improved round by round."""
         hypotheses = self._try_all(views)
-        for count, evaluations, edge, side_px in ROUNDS:
-            starts = self._distinct(hypotheses, count)
-            hypotheses = self._descend(starts, evaluations, edge, side_px)
-        return self._distinct(hypotheses, MAX_HYPOTHESES)
+        for count, evaluations, edge, side_px in rounds:
+            starts = self.distinct(hypotheses, count)
+            hypotheses = self.descend(starts, evaluations, edge, side_px)
+        return self.distinct(hypotheses, MAX_HYPOTHESES)
+
+    def within(self, rectangle: Rectangle) -> "_ViewSearch":
+        """Return the search over the views that fill another rectangle."""
+        query = replace(self.query, rectangle=rectangle)
+        return replace(self, query=query, rectangle=query.box, photo=query.photo)
 
     def rank(self, poses: Sequence[Pose], side_px: float) -> list[PoseHypothesis]:
         """Score poses of any searches over this one's region; returns those that differ."""
-        return self._distinct(self._score(poses, self._level(side_px), 1), MAX_HYPOTHESES)
+        return self.distinct(self._score(poses, self._level(side_px), 1), MAX_HYPOTHESES)
 
     def _level(self, side_px: float) -> Level:
         """Make the level on which the rectangle, made square, has sides of about ``side_px``."""
@@ -281,10 +302,17 @@ class _ViewSearch:
             PoseHypothesis(p.pose, p.loss + float(c)) for p, c in zip(scored, costs, strict=True)
         ]
 
-    def _descend(
+    def descend(
         self, starts: Sequence[PoseHypothesis], evaluations: int, edge: float, side_px: float
     ) -> list[PoseHypothesis]:
-        """Return the ends of short descents from the starts."""
+        """Return the ends of short descents.
+
+        Args:
+            starts: poses to begin at.
+            evaluations: evaluations of each descent.
+            edge: edge of its simplex, radians and shares of the model's radius.
+            side_px: side of the rectangle, made square, on the level.
+        """
         level, mesh = self._level(side_px), self.query.inputs.mesh
         worst = LossScale.of(level.photo).worst
 
@@ -318,7 +346,7 @@ class _ViewSearch:
         share = float(off @ off) / target.area
         return share if np.isfinite(share) else BEHIND_CAMERA
 
-    def _distinct(self, hypotheses: Sequence[PoseHypothesis], most: int) -> list[PoseHypothesis]:
+    def distinct(self, hypotheses: Sequence[PoseHypothesis], most: int) -> list[PoseHypothesis]:
         """Return the best whose pictures of the model differ."""
         reach = MIN_HYPOTHESIS_DISTANCE * float(np.hypot(*self.rectangle[2:]))
         ordered = sorted(hypotheses, key=lambda hypothesis: hypothesis.loss)
@@ -336,12 +364,28 @@ def _in_proposed_rectangles(search: _ViewSearch) -> list[PoseHypothesis]:
     query, poses = search.query, list[Pose]()
     if query.features is None:
         return []
-    for rectangle in propose_rectangles(query.inputs, query.features, search.watch):
-        inside = replace(query, rectangle=rectangle.expand(GROWTH))
+    encoder = PatchEncoder.load(query.features)
+
+    def rank(poses: Sequence[Pose], count: int) -> list[PoseHypothesis]:
+        cosines = compare_with_photo(query.inputs, encoder, poses, search.watch)
+        odds = [math.exp((cosine - EVEN_COSINE) / COSINE_SCALE) for cosine in cosines]
+        pairs = zip(poses, odds, strict=True)
+        ranked = [PoseHypothesis(pose, -odd, odd / (1.0 + odd)) for pose, odd in pairs]
+        size = outline_box(max(ranked, key=lambda h: h.probability).pose, query.points)
+        return replace(search, rectangle=size).distinct(ranked, count)
+
+    for rectangle in propose_rectangles(query.inputs, encoder, search.watch):
         with suppress(QuickStartError):  # hardly any of it is in the photo
-            own = replace(search, query=inside, rectangle=inside.box, photo=inside.photo)
-            poses += [best.pose for best in own.best_views(inside.views())[:POSES_PER_RECTANGLE]]
-    return search.rank(poses, PHOTO_SIDE_PX)
+            own = search.within(rectangle.expand(GROWTH))
+            views = own.best_views(own.query.views(ROTATIONS_PER_RECTANGLE), (SHORT_ROUND,))
+            poses += [view.pose for view in views[:POSES_PER_RECTANGLE]]
+    ends = list[Pose]()
+    if not poses:
+        return []
+    for best in rank(poses, MAX_HYPOTHESES):
+        own = search.within(outline_box(best.pose, query.points))
+        ends += [end.pose for end in own.descend([best], *ROUNDS[-1][1:])]
+    return rank(ends, MAX_HYPOTHESES)
 
 
 def _with_wheels(
@@ -379,6 +423,8 @@ def best_start(
 ) -> Start:
     """Return the end of least loss of short fits from the hypotheses.
 
+    If the query names a network and no rectangle, the end is the nearest to the photo by features.
+
     Args:
         query: the photo, the model and where it was searched for.
         hypotheses: poses to choose from, at least one.
@@ -386,6 +432,7 @@ def best_start(
         watch: called in each evaluation; it may raise to stop.
     """
     settings = replace(query.settings, loss="default", search="auto", lock=(), limits=TRIAL)
+    features = query.features if query.rectangle is None else None
     if query.rectangle is None:  # losses compare over the same pixels
         boxes = [outline_box(hypothesis.pose, query.points) for hypothesis in hypotheses]
         query = replace(query, rectangle=reduce(Rectangle.union, boxes))
@@ -396,9 +443,14 @@ def best_start(
                 pose = progress.pose
                 watch()
         poses.append(pose)
-    losses = [registration_loss(renderer.moments(pose, photo)) for pose in poses]
+    if features is None:
+        by, losses = "loss", [registration_loss(renderer.moments(pose, photo)) for pose in poses]
+    else:
+        encoder = PatchEncoder.load(features)
+        cosines = compare_with_photo(query.inputs, encoder, poses, watch)
+        by, losses = "distance of features", [1.0 - cosine for cosine in cosines]
     best = int(np.argmin(losses))
-    rating = f"probability {hypotheses[best].percent}, loss {losses[best]:.2f}"
+    rating = f"probability {hypotheses[best].percent}, {by} {losses[best]:.2f}"
     note = f"start found: proposal {best + 1} of {len(losses)}, {rating}"
     note += f", the next best {sorted(losses)[1]:.2f}" if len(losses) > 1 else ""
     return Start(poses[best], (f"{note}; look whether it is right.",))

@@ -56,7 +56,7 @@ class AutoStart:
     watch: Callable[[], object] = lambda: None
     """Called after every evaluation; an exception in it ends the search."""
     features: Path | None = None
-    """ONNX file of a DINOv2 backbone, which proposes rectangles without a box and a region."""
+    """Weights of a DINOv2 backbone, which proposes rectangles without a box and a region."""
 
     def __post_init__(self) -> None:
         """Check box and number.

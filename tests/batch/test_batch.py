@@ -27,6 +27,8 @@ from poseviewer.scene.settings import FitSettings, Limits
 from tests.batches import write_table
 from tests.commands import read_rows, refusal, run
 from tests.ctrl_c import ctrl_c_ends_them
+from tests.scene import Scene
+from tests.starts.backbone import save_random_backbone
 from tests.view_sets import write_views
 from tests.writing import write
 
@@ -293,6 +295,26 @@ def test_a_row_can_be_a_set_of_photos(tmp_path: Path):
     assert found["verdict"]
     assert float(found["unexplained"]) < float(found["start_unexplained"])
     assert "with a set of photos" in refused["reason"]
+
+
+@pytest.mark.slow
+def test_a_network_proposes_rectangles_to_rows_without_a_start(
+    scene: Scene, tmp_path: Path, capsys
+):
+    """Random weights propose something; whether it is right is tested with a trained network."""
+    weights = tmp_path / "model.safetensors"
+    save_random_backbone(weights)
+    table = write_table(scene, tmp_path, 0, f"{scene.photo},{scene.model},auto,\n")
+    line = ("batch", table, "--out", tmp_path / "out", "--processes", 1, "--quiet", *QUICK)
+    assert run(*line) == 2
+    (row,) = read_rows(tmp_path / "out" / "results.csv")
+    assert "was not found in the photo by its texture" in row["reason"]
+    assert run(*line, "--features", weights) == 0
+    capsys.readouterr()
+    given = write_table(scene, tmp_path, 1)
+    refused = refusal(capsys, "batch", given, "--out", tmp_path / "none", "--features", weights)
+    assert "features with jobs.csv, where no row has the start auto without a box" in refused
+    assert not (tmp_path / "none").exists()
 
 
 def test_what_a_kill_left_half_written_goes_with_the_next_writing(tmp_path: Path):

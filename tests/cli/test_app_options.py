@@ -11,6 +11,7 @@ from poseviewer.errors import RendererUnavailableError
 from poseviewer.files.pose import load_pose
 from tests.commands import refusal, run
 from tests.renderers import require_gpu
+from tests.starts.backbone import save_random_backbone
 from tests.videos import write_video
 
 
@@ -67,6 +68,17 @@ def test_frames_in_a_folder_or_of_a_video_are_a_sequence(folder, served, capsys)
     assert "--every without a video or a folder" in refusal(capsys, "app p.png m.ply --every 2")
     assert "frames: no model was found; name PHOTO and MODEL" in refusal(capsys, "app frames")
     assert "gone.mp4: no such file" in refusal(capsys, "app gone.mp4 m.ply")
+
+
+def test_a_network_is_handed_on_or_refused(folder, monkeypatch, capsys):
+    handed = list[Path | None]()
+    serve = "poseviewer.app.serving.serve_app"
+    monkeypatch.setattr(serve, lambda *_, features, **__: handed.append(features))
+    save_random_backbone(folder / "model.safetensors")
+    assert run("app p.png m.ply --features model.safetensors") == 0
+    assert run("app p.png m.ply") == 0
+    assert handed == [Path("model.safetensors"), None]
+    assert "p.png: no safetensors file" in refusal(capsys, "app p.png m.ply --features p.png")
 
 
 def test_a_gpu_is_used_or_refused(served, monkeypatch, capsys):

