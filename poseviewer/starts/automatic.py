@@ -89,6 +89,8 @@ EVEN_COSINE = 0.52
 """Cosine of a pose in them that is as likely right as wrong, fitted to photos with known poses."""
 COSINE_SCALE = 0.04
 """Rise of the cosine that makes it e times as likely right."""
+MIN_ODDS_SHARE = 1.0 / 3.0
+"""Smallest odds of a pose in them that is proposed, as a share of those of the likeliest."""
 INLIER_POWER = 4
 """Exponent of the number of inliers in the odds of a pose by texture features."""
 EVEN_INLIERS = 7**4
@@ -379,13 +381,14 @@ def _in_proposed_rectangles(search: _ViewSearch) -> list[PoseHypothesis]:
             own = search.within(rectangle.expand(GROWTH))
             views = own.best_views(own.query.views(ROTATIONS_PER_RECTANGLE), (SHORT_ROUND,))
             poses += [view.pose for view in views[:POSES_PER_RECTANGLE]]
-    ends = list[Pose]()
     if not poses:
         return []
+    ends = list[Pose]()
     for best in rank(poses, MAX_HYPOTHESES):
         own = search.within(outline_box(best.pose, query.points))
         ends += [end.pose for end in own.descend([best], *ROUNDS[-1][1:])]
-    return rank(ends, MAX_HYPOTHESES)
+    hypotheses = rank(ends, MAX_HYPOTHESES)
+    return [h for h in hypotheses if h.loss <= MIN_ODDS_SHARE * hypotheses[0].loss]
 
 
 def _with_wheels(
@@ -423,8 +426,6 @@ def best_start(
 ) -> Start:
     """Return the end of least loss of short fits from the hypotheses.
 
-    If the query names a network and no rectangle, the end is the nearest to the photo by features.
-
     Args:
         query: the photo, the model and where it was searched for.
         hypotheses: poses to choose from, at least one.
@@ -432,7 +433,6 @@ def best_start(
         watch: called in each evaluation; it may raise to stop.
     """
     settings = replace(query.settings, loss="default", search="auto", lock=(), limits=TRIAL)
-    features = query.features if query.rectangle is None else None
     if query.rectangle is None:  # losses compare over the same pixels
         boxes = [outline_box(hypothesis.pose, query.points) for hypothesis in hypotheses]
         query = replace(query, rectangle=reduce(Rectangle.union, boxes))
@@ -443,14 +443,9 @@ def best_start(
                 pose = progress.pose
                 watch()
         poses.append(pose)
-    if features is None:
-        by, losses = "loss", [registration_loss(renderer.moments(pose, photo)) for pose in poses]
-    else:
-        encoder = PatchEncoder.load(features)
-        cosines = compare_with_photo(query.inputs, encoder, poses, watch)
-        by, losses = "distance of features", [1.0 - cosine for cosine in cosines]
+    losses = [registration_loss(renderer.moments(pose, photo)) for pose in poses]
     best = int(np.argmin(losses))
-    rating = f"probability {hypotheses[best].percent}, {by} {losses[best]:.2f}"
+    rating = f"probability {hypotheses[best].percent}, loss {losses[best]:.2f}"
     note = f"start found: proposal {best + 1} of {len(losses)}, {rating}"
     note += f", the next best {sorted(losses)[1]:.2f}" if len(losses) > 1 else ""
     return Start(poses[best], (f"{note}; look whether it is right.",))

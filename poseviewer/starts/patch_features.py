@@ -83,7 +83,7 @@ class PatchEncoder:
         tokens = patches.reshape(rows * columns, -1) @ kernel.reshape(len(kernel), -1).T
         tokens += self.weights["embeddings.patch_embeddings.projection.bias"]
         positions = self.weights["embeddings.position_embeddings"][0]
-        tokens += _resize(positions[1:], rows, columns)
+        tokens += _interpolate(positions[1:], rows, columns)
         first = self.weights["embeddings.cls_token"][0] + positions[:1]
         x = np.concatenate([first, tokens])
         for layer in range(LAYERS):
@@ -144,7 +144,7 @@ def _gelu(x: Array) -> Array:
     return y
 
 
-def _resize(positions: Array, rows: int, columns: int) -> Array:
+def _interpolate(positions: Array, rows: int, columns: int) -> Array:
     """Interpolate position vectors (n, d) of a square grid at (rows columns, d), as in training."""
     side, d = math.isqrt(len(positions)), positions.shape[1]
     planes = positions.reshape(side, side, d).transpose(2, 0, 1)

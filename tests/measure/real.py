@@ -268,7 +268,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folders", type=Path, nargs="*", default=[DATA, DATA / "clutter"])
     parser.add_argument("--start", action="store_true", help="of what is seen nearly whole")
-    parser.add_argument("--features", type=Path, metavar="ONNX", help="network, for whole photos")
+    parser.add_argument("--features", type=Path, metavar="FILE", help="weights, for whole photos")
     parser.add_argument("--views", action="store_true", help="fits by several photos")
     parser.add_argument("--photos", type=list_of(whole), default=(1, 2, 3, 4), help="(1,2,3,4)")
     parser.add_argument("--cases", default="", help="only those whose id matches")

@@ -47,6 +47,7 @@ from tests.app.state.documents import (
     make_photo,
     make_session,
 )
+from tests.starts.backbone import save_random_backbone
 
 POSES = tuple(
     Pose(PERSPECTIVE, RigidTransform.from_rotation_vector([turn, 0.1, 0.2], [0.1, 0.0, 7.0]))
@@ -242,6 +243,21 @@ def edits(scene) -> tuple[Session, list[Edit]]:
     document = open_files(scene.photo, scene.model, None)
     session = Session(document.with_in_view(region=Rectangle(0, 0, 160, 120))).with_first_proposals
     return session, list(made(session.document, lambda: None))
+
+
+@pytest.mark.slow
+def test_a_network_proposes_what_texture_and_wheels_do_not(scene, tmp_path: Path):
+    """Random weights propose something; whether it is right is tested with a trained network."""
+    document = open_files(scene.photo, scene.model, None)
+    session = Session(document).with_first_proposals
+    none = after(session, *made(document, lambda: None)).proposals
+    assert none is not None
+    assert not none.starts
+    save_random_backbone(tmp_path / "model.safetensors")
+    listing, *_ = made(document, lambda: None, tmp_path / "model.safetensors")
+    listed = after(session, listing).proposals
+    assert listed is not None
+    assert listed.starts
 
 
 @pytest.mark.slow
