@@ -89,6 +89,8 @@ class Trial:
     right_proposal: int = 0
     """Number of the first right one, from 1; 0: none."""
     is_taken_right: bool = False
+    probability: float = np.nan
+    """Stated probability of the first proposal."""
 
 
 def is_tuning(name: str) -> bool:
@@ -123,6 +125,7 @@ def start_trials(cases: Sequence[Case], features: Path | None = None) -> Iterato
                 proposals=len(errors),
                 right_proposal=next((i for i, e in enumerate(errors, 1) if is_right(e)), 0),
                 is_taken_right=is_right(pose_error(model.mesh, taken, case.truth)),
+                probability=proposals[0].probability,
             )
 
 
