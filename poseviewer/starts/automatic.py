@@ -85,8 +85,8 @@ ROTATIONS_PER_RECTANGLE = 1200
 """Views that are tried in each of these rectangles."""
 POSES_PER_RECTANGLE = 2
 """Poses in each of these rectangles that are compared in the whole photo."""
-EVEN_COSINE = 0.52
-"""Cosine of a pose in them that is as likely right as wrong, fitted to photos with known poses."""
+EVEN_COSINE = 0.54
+"""Cosine of a pose in them that is as likely right as wrong, midway on photos with known poses."""
 COSINE_SCALE = 0.04
 """Rise of the cosine that makes it e times as likely right."""
 MIN_PROBABILITY = 0.5
