@@ -89,8 +89,6 @@ EVEN_COSINE = 0.54
 """Cosine of a pose in them that is as likely right as wrong, midway on photos with known poses."""
 COSINE_SCALE = 0.04
 """Rise of the cosine that makes it e times as likely right."""
-MIN_PROBABILITY = 0.5
-"""Smallest probability of the likeliest pose in them: with less the model counts as not found."""
 MIN_ODDS_SHARE = 1.0 / 3.0
 """Smallest odds of a pose in them that is proposed, as a share of those of the likeliest."""
 INLIER_POWER = 4
@@ -390,8 +388,6 @@ def _in_proposed_rectangles(search: _ViewSearch) -> list[PoseHypothesis]:
         own = search.within(outline_box(best.pose, query.points))
         ends += [end.pose for end in own.descend([best], *ROUNDS[-1][1:])]
     hypotheses = rank(ends, MAX_HYPOTHESES)
-    if not hypotheses or hypotheses[0].probability < MIN_PROBABILITY:
-        return []
     return [h for h in hypotheses if h.loss <= MIN_ODDS_SHARE * hypotheses[0].loss]
 
 
