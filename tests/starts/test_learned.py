@@ -10,15 +10,21 @@ from poseviewer.cli.main import main
 from poseviewer.evaluation.cases import load_cases
 from poseviewer.files.photo import load_photo
 from poseviewer.files.scene_assets import load_model
+from poseviewer.geometry.camera import Perspective, Pose
+from poseviewer.geometry.image import Photo
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.renderers import make_renderer
 from poseviewer.starts import learned
 from poseviewer.starts.automatic import StartQuery, outermost_points, outline_box, propose
 from poseviewer.starts.learned import compare_with_photo, propose_rectangles
 from poseviewer.starts.loading import StartInputs
 from poseviewer.starts.patch_features import PatchEncoder
 from tests.measure.real import is_right
+from tests.meshes import make_bumpy
 from tests.scene import Scene
+from tests.several import coloured
 from tests.starts.backbone import save_random_backbone, trained_backbone
 
 
@@ -46,8 +52,10 @@ def test_an_untextured_model_is_found_in_the_full_image(shared_data: Path, tmp_p
     assert max(overlap(box, true) for box in boxes) > 0.5
     found = propose(StartQuery(inputs, case.truth.camera, features=path))
     assert is_right(pose_error(model.mesh, found[0].pose, case.truth))
-    right, wrong = compare_with_photo(inputs, encoder, [case.truth, found[-1].pose])
-    assert right > 0.6 > wrong
+    beside = RigidTransform(np.eye(3), np.array([model.mesh.diameter, 0.0, 0.0]))
+    wrong = replace(case.truth, camera_from_model=beside @ case.truth.camera_from_model)
+    cosines = compare_with_photo(inputs, encoder, [case.truth, wrong])
+    assert cosines[0] > 0.6 > 0.5 > cosines[1]
 
 
 def test_features_of_views_are_kept_until_the_model_changes(
@@ -71,6 +79,28 @@ def test_features_of_views_are_kept_until_the_model_changes(
     other = replace(inputs, mesh=replace(inputs.mesh, colours=inputs.mesh.colours / 2.0))
     propose_rectangles(other, encoder)
     assert counts[5:] == [42, 1, 4]
+
+
+def test_a_drawn_model_is_nearest_to_its_own_picture(tmp_path: Path):
+    """Also by random weights, and where the model is in part, or wholly, outside of the photo."""
+    save_random_backbone(tmp_path / "model.safetensors")
+    mesh = coloured(make_bumpy(3), (1.0, 0.8, 0.6))
+    pose = Pose(
+        Perspective(300.0, 300.0, 160.0, 120.0, 320, 240),
+        RigidTransform.from_rotation_vector([0.4, -0.3, 0.2], [0.2, 0.1, 7.0]),
+    )
+    image = make_renderer(mesh).render(pose)
+    lit = image.reflectance * (0.5 + 0.5 * np.abs(image.normals[..., 2:]))
+    pixels = np.uint8(255.0 * np.where(image.mask[..., None], lit, 0.5))
+    inputs = StartInputs(Photo(np.asarray(pixels), "photo.png", "0"), mesh, None)
+    shifts = [0.0, 1.0, 3.0, -3.5, -20.0]
+    moved = [RigidTransform(np.eye(3), np.array([x, 0.0, 0.0])) for x in shifts]
+    poses = [replace(pose, camera_from_model=by @ pose.camera_from_model) for by in moved]
+    encoder = PatchEncoder.load(tmp_path / "model.safetensors")
+    cosines = compare_with_photo(inputs, encoder, poses)
+    assert cosines[0] > 0.97
+    assert max(cosines[1:]) < cosines[0] - 0.05
+    assert min(cosines) >= -1.0
 
 
 def test_the_command_line_refuses_another_file(scene: Scene, tmp_path: Path, capsys):
