@@ -101,7 +101,9 @@ def test_rows_are_fitted_and_bad_ones_fail_with_their_reason(scene, tmp_path, ca
         assert found.loss == float(row["loss"]) < float(row["start_loss"])
         assert found.photo.file == row["photo"]
         for name in STDS[:4]:
-            assert float(row[name]) == found.covariance.deviations[name.removesuffix("_std")] > 0.0
+            deviation = found.covariance.deviations[name.removesuffix("_std")]
+            assert float(row[name]) == pytest.approx(deviation, rel=1e-12)  # of a read matrix
+            assert deviation > 0.0
         assert [row[name] for name in STDS[4:]] == [""] * 4  # nothing to be searched for
     assert [row["px_std"] for row in results[2:]] == [""] * 3
 
