@@ -82,15 +82,15 @@ MAX_HYPOTHESES = 5
 GROWTH = 0.15
 """Growth of a rectangle that a network proposes, as a share of its sides."""
 ROTATIONS_PER_RECTANGLE = 1200
-"""Views that are tried in each of these rectangles."""
+"""Views that are tried in each rectangle that a network proposes."""
 POSES_PER_RECTANGLE = 2
-"""Poses in each of these rectangles that are compared in the whole photo."""
+"""Best poses of each such rectangle, which are compared with those of the others."""
 EVEN_COSINE = 0.54
-"""Cosine of a pose in them that is as likely right as wrong, midway on photos with known poses."""
+"""Cosine of features of a pose that is as likely right as wrong, from photos with known poses."""
 COSINE_SCALE = 0.04
 """Rise of the cosine that makes it e times as likely right."""
 MIN_ODDS_SHARE = 1.0 / 3.0
-"""Smallest odds of a pose in them that is proposed, as a share of those of the likeliest."""
+"""Smallest odds of a pose by features that is proposed, as a share of the likeliest one's."""
 INLIER_POWER = 4
 """Exponent of the number of inliers in the odds of a pose by texture features."""
 EVEN_INLIERS = 7**4

@@ -31,9 +31,9 @@ from poseviewer.starts.patch_features import PATCH_PX, PatchEncoder, unit
 from poseviewer.starts.views import ground_views, look_along
 
 MAX_RECTANGLES = 6
-"""Rectangles to search, of 1 s each: of 42 right ones in eight 41 were among the first six."""
+"""Rectangles to search, 1 s each: later ones are hardly ever right."""
 VIEW_PATCHES = 10
-"""Side of the picture of a view, patches; with 16 fewer objects were found."""
+"""Side of the picture of a view, patches: as many as most objects have in a photo."""
 VIEW_PX = VIEW_PATCHES * PATCH_PX
 """Side of that picture, px."""
 VIEW_CAMERA = Perspective(4000.0, 4000.0, 0.0, 0.0, 1, 1)
@@ -271,7 +271,7 @@ def _close_up(pose: Pose, points: FloatArray) -> tuple[Pose, Rectangle]:
     """Return a pose in a picture of a view, and the square about the outline that it shows."""
     outline = pose.project(points)
     low, high = outline.min(axis=0), outline.max(axis=0)
-    side = round(min(max(high - low) / FILLED, MAX_SQUARE_PX))
+    side = max(1, round(min(max(high - low) / FILLED, MAX_SQUARE_PX)))
     left, top = map(round, (low + high - side) / 2.0)
     camera = pose.camera.crop(left, top, (side, side)).rescale(2.0 * VIEW_PX / side)
     return replace(pose, camera=camera), Rectangle(left, top, side, side)
