@@ -69,7 +69,8 @@ def _fit(job: Job, plan: Batch) -> FitResult:
     path, box = job.path(job.model), job.rectangle()
     model, renderer = _load_model_once(path, file_stamp(path), plan.settings)
     is_auto = job.start == AUTOMATIC
-    start = AutoStart(box, features=plan.features) if is_auto else job.path(job.start)
+    features = plan.features if box is None else None
+    start = AutoStart(box, features=features) if is_auto else job.path(job.start)
     if box is not None and not is_auto:
         raise SettingsError(
             f"a box with the start {job.start}; a box is for the start auto, empty the cell."

@@ -101,6 +101,9 @@ def load_named(options: Namespace) -> Registration:
         tell_of_compiling()
     if files.scene is not None:
         table.refuse(options, (table.FEATURES,), SAYS.format(files.scene.name))
+    if given.get("box") or settings.region is not None:
+        unused = "with --box or --region, where it is not used; leave one of them out"
+        table.refuse(options, (table.FEATURES,), unused)
     parallel = given.get("projection") == "parallel"
     camera = StartCamera(parallel, given.get("focal"), options.free_focal)
     with progress_bar(None, options.quiet) as bar:

@@ -17,6 +17,7 @@ from poseviewer.render.renderers import make_renderer
 from poseviewer.scene.types import PlacedModel
 from poseviewer.starts.automatic import BeginThread, PoseHypothesis, StartQuery, best_start, propose
 from poseviewer.starts.loading import Start, StartCamera, StartInputs
+from poseviewer.starts.patch_features import PatchEncoder
 
 MAX_SHARED_FRACTION = 0.3
 """Share of the smaller one's pixels that two instances may share: one may occlude another."""
@@ -56,7 +57,7 @@ class AutoStart:
     watch: Callable[[], object] = lambda: None
     """Called after every evaluation; an exception in it ends the search."""
     features: Path | None = None
-    """Weights of a DINOv2 backbone, which proposes rectangles without a box and a region."""
+    """Weights of a DINOv2 backbone, which proposes rectangles; not with a box or a region."""
 
     def __post_init__(self) -> None:
         """Check box and number.
@@ -82,6 +83,13 @@ class AutoStart:
                 "camera shows all of them; leave one of the two out."
             )
         rectangle = settings.region if self.box is None else Rectangle(*self.box)
+        if self.features is not None:
+            if rectangle is not None:
+                raise SettingsError(
+                    f"features={self.features.name} with a box or a region, where they are not "
+                    "used; leave one of the two out."
+                )
+            PatchEncoder.load(self.features)  # an error is told before the search
         camera = self.camera.of(inputs.photo)
         query = StartQuery(inputs, camera, rectangle, settings, self.features)
         first, *others = self._find(query, make_renderer(inputs.mesh))

@@ -1,12 +1,14 @@
 """Rectangles by a network's features, where a trained network is there, and their parts."""
 
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from poseviewer.cli.main import main
+from poseviewer.errors import SettingsError
 from poseviewer.evaluation.cases import load_cases
 from poseviewer.files.photo import load_photo
 from poseviewer.files.scene_assets import load_model
@@ -18,6 +20,7 @@ from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.renderers import make_renderer
 from poseviewer.starts import learned
 from poseviewer.starts.automatic import StartQuery, outermost_points, outline_box, propose
+from poseviewer.starts.instances import AutoStart
 from poseviewer.starts.learned import compare_with_photo, propose_rectangles
 from poseviewer.starts.loading import StartInputs
 from poseviewer.starts.patch_features import PatchEncoder
@@ -58,27 +61,19 @@ def test_an_untextured_model_is_found_in_the_full_image(shared_data: Path, tmp_p
     assert cosines[0] > 0.6 > 0.5 > cosines[1]
 
 
-def test_features_of_views_are_kept_until_the_model_changes(
-    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_features_of_views_are_kept_until_the_model_changes(scene: Scene, tmp_path: Path):
     save_random_backbone(tmp_path / "model.safetensors")
-    encoder, counts = PatchEncoder.load(tmp_path / "model.safetensors"), list[int]()
-    encode_all = PatchEncoder.encode_all
-    monkeypatch.setattr(
-        PatchEncoder,
-        "encode_all",
-        lambda self, pictures, watch: (
-            counts.append(len(pictures)) or encode_all(self, pictures, watch)
-        ),
-    )
+    encoder = PatchEncoder.load(tmp_path / "model.safetensors")
     inputs = StartInputs(load_photo(scene.photo), load_model(scene.model).mesh, None)
-    first = propose_rectangles(inputs, encoder)
-    assert counts == [42, 1, 4]  # views; the photo; its tiles
-    assert propose_rectangles(inputs, encoder) == first
-    assert counts[3:] == [1, 4]
     other = replace(inputs, mesh=replace(inputs.mesh, colours=inputs.mesh.colours / 2.0))
-    propose_rectangles(other, encoder)
-    assert counts[5:] == [42, 1, 4]
+    counts, boxes = list[int](), list[list[Rectangle]]()
+    for given in (inputs, inputs, other):
+        steps = count()
+        boxes.append(propose_rectangles(given, encoder, lambda steps=steps: next(steps)))
+        counts.append(next(steps))
+    assert boxes[1] == boxes[0]
+    assert counts[0] - counts[1] == 42  # pictures of views
+    assert counts[2] == counts[0]
 
 
 def test_a_drawn_model_is_nearest_to_its_own_picture(tmp_path: Path):
@@ -103,14 +98,37 @@ def test_a_drawn_model_is_nearest_to_its_own_picture(tmp_path: Path):
     assert min(cosines) >= -1.0
 
 
-def test_the_command_line_refuses_another_file(scene: Scene, tmp_path: Path, capsys):
-    path = tmp_path / "network.onnx"
-    path.write_bytes(b"an ONNX file")
+@pytest.mark.parametrize(
+    ("name", "more", "words"),
+    [
+        ("network.onnx", (), "network.onnx: no safetensors file"),
+        ("gone.onnx", (), "gone.onnx: no such file"),
+        ("network.onnx", ("--box", "9,9,90,90"), "--features with --box or --region"),
+        ("network.onnx", ("--region", "9,9,90,90"), "--features with --box or --region"),
+    ],
+)
+def test_the_command_line_refuses_what_it_would_not_use(
+    scene: Scene, tmp_path: Path, capsys, name: str, more: tuple[str, ...], words: str
+):
+    (tmp_path / "network.onnx").write_bytes(b"an ONNX file")
     line = ["fit", str(scene.photo), str(scene.model), "--start", "auto", "--quiet"]
-    line += ["--features", str(path), "--out", str(tmp_path / "pose.json")]
+    line += ["--features", str(tmp_path / name), "--out", str(tmp_path / "pose.json"), *more]
     assert main(line) == 2
-    assert "network.onnx: no safetensors file" in capsys.readouterr().err
+    assert words in capsys.readouterr().err
     assert not (tmp_path / "pose.json").exists()
+
+
+def test_a_network_is_refused_with_a_box_or_a_region(scene: Scene):
+    model = load_model(scene.model)
+    inputs = StartInputs(load_photo(scene.photo), model.mesh, model.keypoints)
+    region = replace(inputs, settings=replace(inputs.settings, region=(9, 9, 90, 90)))
+    network = Path("model.safetensors")
+    for start, given in (
+        (AutoStart((9, 9, 90, 90), features=network), inputs),
+        (AutoStart(features=network), region),
+    ):
+        with pytest.raises(SettingsError, match="with a box or a region"):
+            start(given)
 
 
 def test_windows_gather_the_votes_of_a_view():
