@@ -116,7 +116,7 @@ def open_app(
 ) -> Iterator[AppPage]:
     """Open the app's page, dark, and wait for its ``first`` text, by default the loss."""
     with open_browser() as browser, AppProcess(folder, *arguments) as app:
-        tab = AppPage(browser, app.url, size, color_scheme="dark")
+        tab = AppPage(browser, app.url, size, pixel_ratio=1.0, color_scheme="dark")
         tab.page.set_default_timeout(1000 * MAX_WAIT_S)
         tab.wait_for_text(first)
         yield tab

@@ -32,6 +32,8 @@ FLAGS = (
 )
 WINDOW = (1120, 700)
 """Little more than the page has another layout for: without a GPU each pixel takes time."""
+COARSE = 0.25
+"""Pixels of the photo's canvas to one of the page, where no test looks at colours."""
 PATIENCE_MS = 120_000
 READY = """window.__viserMutable?.cameraControl && window.poseviewer &&
     document.documentElement.dataset.poseviewerView &&
@@ -68,6 +70,7 @@ class AppPage:
         url: str,
         size: tuple[int, int] = WINDOW,
         before: str = "",
+        pixel_ratio: float = COARSE,
         **options: Any,
     ) -> None:
         """``before``: a script that runs first; ``options``: playwright's ``new_page`` has them."""
@@ -77,8 +80,8 @@ class AppPage:
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
         self.page.set_default_timeout(PATIENCE_MS)
         self.page.add_init_script(f"({COUNT_DROPS})(); {before}")
-        # Where frames take long, as without a GPU, viser draws fewer pixels: not for measuring.
-        self.page.goto(f"{url}&fixedDpr=1")
+        # Else viser draws fewer pixels where frames take long, as without a GPU.
+        self.page.goto(f"{url}&fixedDpr={pixel_ratio}")
         self.page.wait_for_function(READY)
 
     def reload(self) -> None:

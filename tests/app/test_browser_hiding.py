@@ -35,7 +35,10 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 @pytest.fixture(scope="module")
 def shared(browser: Browser, scene: Scene) -> Iterator[AppPage]:
     files = scene.photo, scene.model, "--pose", scene.start
-    with AppProcess(scene.photo.parent, *files) as app, AppPage(browser, app.url) as opened:
+    with (
+        AppProcess(scene.photo.parent, *files) as app,
+        AppPage(browser, app.url, pixel_ratio=1.0) as opened,
+    ):
         opened.wait_for_text("at this pose")
         opened.open_step(3)
         yield opened

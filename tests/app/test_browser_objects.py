@@ -48,7 +48,7 @@ def has_colour(tab: AppPage, colour: list[int], place: list[float]) -> bool:
 
 def test_objects_are_removed_added_placed_hidden_and_picked(browser: Browser, tmp_path: Path):
     scene = make_three(tmp_path)
-    with AppProcess(tmp_path, scene) as app, AppPage(browser, app.url) as tab:
+    with AppProcess(tmp_path, scene) as app, AppPage(browser, app.url, pixel_ratio=1.0) as tab:
         tab.wait_for_text("at this pose")
         assert tab.verdicts() == dict.fromkeys(IDS, "not searched")
         tab.page.get_by_role("button", name="remove 3").click()

@@ -62,7 +62,7 @@ def circle_centre(weights: np.ndarray, near: tuple[float, float], reach: float) 
 def test_model_and_photo_coincide(browser: Browser, tmp_path: Path):
     seen = make_dots(tmp_path, Perspective(900.0, 900.0, 290.3, 231.7, *PHOTO))
     files = (tmp_path / "dots.png", tmp_path / "dots.ply", "--pose", tmp_path / "dots.json")
-    with AppProcess(tmp_path, *files) as app, AppPage(browser, app.url) as tab:
+    with AppProcess(tmp_path, *files) as app, AppPage(browser, app.url, pixel_ratio=1.0) as tab:
         tab.wait_for_text("at this pose")
         for size in SIZES:
             tab.page.set_viewport_size({"width": size[0], "height": size[1]})

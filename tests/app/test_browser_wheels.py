@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Locator
+from playwright.sync_api import Browser
 
 from poseviewer.files.demo import demo_case
 from poseviewer.files.pose import load_pose
@@ -16,12 +16,6 @@ from tests.scene import make_scene
 
 PHOTO = (960, 720)
 """Size of the demo's photo, px."""
-
-
-def press(picture: Locator, u: float, v: float) -> None:
-    box = picture.bounding_box()
-    assert box is not None
-    picture.click(position={"x": u * box["width"], "y": v * box["height"]})
 
 
 @pytest.mark.slow
@@ -45,7 +39,7 @@ def test_the_picture_turns_and_stays_in_its_place_while_wheels_are_marked(
         tab.until(lambda: picture.locator("image").get_attribute("href") != shown)
         assert picture.locator("text").count() == 0  # a drag marks nothing
         canvas = tab.view()["box"]
-        press(picture, 0.5, 0.5)
+        picture.click(position={"x": box["width"] / 2, "y": box["height"] / 2})
         tab.wait_for_text("middle of the front wheel")
         tab.page.get_by_role("button", name="Remove last mark").click()
         tab.wait_for_text("middle of the rear wheel")
