@@ -18,6 +18,7 @@ from msgspec import Struct
 
 from poseviewer.batch.job_table import Job
 from poseviewer.confidence.pose_covariance import PoseCovariance
+from poseviewer.confidence.verdict import percent_right
 from poseviewer.errors import BatchError, PoseViewerError
 from poseviewer.files.checks import InputFile, is_there
 from poseviewer.files.writing import lock_file, write_json, write_whole
@@ -186,16 +187,16 @@ def standard_deviations(covariance: PoseCovariance | None) -> dict[str, Any]:
 
 
 def worst_first(rows: Sequence[Row]) -> list[Row]:
-    """Sort rows: failed ones, those of an audit with a finding, then by the verdict's probability;
-    reviewed ones come last.
+    """Sort rows: failed ones, those of an audit with a finding, then by the share of right poses
+    that the verdict states; reviewed ones come last.
     """
 
     def order(row: Row) -> tuple[bool, float, int]:
         result = row.result
-        rank = result.probability or 0.0
-        if result.failed or result.probability is None:
-            rank = -math.inf
-        elif result.finding:
+        rank = -math.inf
+        if not result.failed and result.probability is not None:
+            rank = percent_right(result.verdict, result.probability) / 100.0
+        if result.finding:
             rank -= 1.0 if result.finding == UNEXPLAINED else 1.0 + (result.moved_percent or 0.0)
         return bool(result.review), rank, row.job.row
 

@@ -251,5 +251,7 @@ def test_findings_come_before_what_is_likely_wrong() -> None:
         row(4, reason="no such file"),
         row(5, probability=0.9, finding="moved", moved_percent=3.0),
         row(6, probability=0.9, finding="moved", moved_percent=9.0, review="kept"),
+        row(7, verdict="found", probability=0.85),
+        row(8, verdict="doubtful", probability=0.97),
     ]
-    assert [own.job.row for own in worst_first(rows)] == [4, 5, 2, 3, 1, 6]
+    assert [own.job.row for own in worst_first(rows)] == [4, 5, 2, 3, 1, 8, 7, 6]
