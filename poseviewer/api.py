@@ -267,8 +267,9 @@ class PosedScene:
     def at(self, pose: Pose) -> Registration:
         """Put the object at another pose in the chart's view, compared with the same pixels."""
         scene = self.scene.with_pose(self._index, pose, self.view_index)
+        scene = scene.with_object(self._index, doubt="")
         where = self.renderers, self.object_index, self.view_index
-        return Registration(scene, *where, {self._index: self.problem})
+        return Registration(scene, *where, {self._index: replace(self.problem, doubt="")})
 
     @property
     def record(self) -> PoseRecord:

@@ -85,13 +85,13 @@ def judge_end(
         if verdict.label != "lost":
             charts, known = [view.chart for view in problem.views], [one.covariance for one in each]
             covariance = joint_covariance(charts, known, parameters, problem.mesh)
-        return replace(progress, verdict=_with_symmetry(verdict, problem), covariance=covariance)
+        return replace(progress, verdict=_about_problem(verdict, problem), covariance=covariance)
     probing = partial(Probe, problem, renderer, progress.pose, threads)
     if progress.status is not Status.NOTHING_SEEN:
         # Raises for a pose in part behind the camera, or on the border of its chart.
         with suppress(PoseViewerError), closing(probing()) as probe:
             features = gather_features(probe, probed)
-    verdict = _with_symmetry(judge(features), problem)
+    verdict = _about_problem(judge(features), problem)
     if features is None or verdict.label == "lost":
         covariance = None
     elif covariance is None:
@@ -102,13 +102,17 @@ def judge_end(
     return replace(progress, verdict=verdict, covariance=covariance)
 
 
-def _with_symmetry(verdict: Verdict, problem: FitProblem) -> Verdict:
-    """Name in the verdict the rotations that the model's symmetry leaves open."""
-    turns = problem.symmetry.words
-    if not turns or verdict.label == "lost":
+def _about_problem(verdict: Verdict, problem: FitProblem) -> Verdict:
+    """Add what the photo does not tell: rotations by the model's symmetry, a doubtful start."""
+    if verdict.label == "lost":
         return verdict
-    reason = f"The model looks the same after {turns}: no photo tells these poses apart."
-    return structs.replace(verdict, reasons=(*verdict.reasons, reason))
+    turns, reasons = problem.symmetry.words, verdict.reasons
+    if turns:
+        reason = f"The model looks the same after {turns}: no photo tells these poses apart."
+        reasons = (*reasons, reason)
+    if problem.doubt:
+        verdict, reasons = structs.replace(verdict, label="doubtful"), (*reasons, problem.doubt)
+    return structs.replace(verdict, reasons=reasons)
 
 
 def gather_features(probe: Probe, probed: Features | None = None) -> Features | None:

@@ -42,6 +42,8 @@ class FitProblem:
     settings: FitSettings = field(default_factory=FitSettings)
     symmetry: Symmetry = NO_SYMMETRY
     """Poses that differ by it show the same."""
+    doubt: str = ""
+    """Sentence why the start may be far off, so that no verdict is ``found``."""
     free_indices: NDArray[np.intp] = field(init=False, repr=False)
     """The indices of the parameters that the search may change."""
 
@@ -217,7 +219,8 @@ def make_problem(
         )
         if len({LossScale.of(view.photo) for view in views}) == 1:
             break
-    return FitProblem(item.mesh, views, start, settings, item.symmetry), tuple(notes)
+    problem = FitProblem(item.mesh, views, start, settings, item.symmetry, item.doubt)
+    return problem, tuple(notes)
 
 
 def pose_to_params(chart: Chart, pose: Pose, scale: float = 1.0) -> FloatArray:

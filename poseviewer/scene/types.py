@@ -158,6 +158,8 @@ class SceneObject:
     """Its scale is 1 but in a world of another unit, and under parallel projection."""
     start: Similarity | None = None
     """World from model where the last search began, for a reset; None: where the object is."""
+    doubt: str = field(default="", metadata=NOT_IN_FILES)
+    """Sentence why the object's pose may be far off, so that no verdict is ``found``."""
     start_cameras: tuple[Camera, ...] = ()
     """The views' cameras at the start; empty: those of the views."""
     settings: FitSettings = DEFAULTS

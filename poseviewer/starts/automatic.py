@@ -91,6 +91,8 @@ COSINE_SCALE = 0.04
 """Rise of the cosine that makes it e times as likely right."""
 MIN_ODDS_SHARE = 1.0 / 3.0
 """Smallest odds of a pose by features that is proposed, as a share of the likeliest one's."""
+SURE_PROBABILITY = 0.7
+"""Probability by features from which a pose may be ``found``: of likelier ones most are right."""
 INLIER_POWER = 4
 """Exponent of the number of inliers in the odds of a pose by texture features."""
 EVEN_INLIERS = 7**4
@@ -183,6 +185,8 @@ class PoseHypothesis:
     """Loss on the last level: to be compared with others of the same search."""
     probability: float = 0.0
     """Probability that it is right."""
+    doubt: str = ""
+    """Sentence why it may be far off, so that no verdict on a fit from it is ``found``."""
 
     @property
     def percent(self) -> str:
@@ -372,7 +376,7 @@ def _in_proposed_rectangles(search: _ViewSearch) -> list[PoseHypothesis]:
         cosines = compare_with_photo(query.inputs, encoder, poses, search.watch)
         odds = [math.exp((cosine - EVEN_COSINE) / COSINE_SCALE) for cosine in cosines]
         pairs = zip(poses, odds, strict=True)
-        ranked = [PoseHypothesis(pose, -odd, odd / (1.0 + odd)) for pose, odd in pairs]
+        ranked = [_by_network(pose, odd) for pose, odd in pairs]
         size = outline_box(max(ranked, key=lambda h: h.probability).pose, query.points)
         return replace(search, rectangle=size).distinct(ranked, count)
 
@@ -389,6 +393,16 @@ def _in_proposed_rectangles(search: _ViewSearch) -> list[PoseHypothesis]:
         ends += [end.pose for end in own.descend([best], *ROUNDS[-1][1:])]
     hypotheses = rank(ends, MAX_HYPOTHESES)
     return [h for h in hypotheses if h.loss <= MIN_ODDS_SHARE * hypotheses[0].loss]
+
+
+def _by_network(pose: Pose, odds: float) -> PoseHypothesis:
+    """Make a hypothesis of the odds that the network gives it."""
+    own = PoseHypothesis(pose, -odds, odds / (1.0 + odds))
+    if own.probability >= SURE_PROBABILITY:
+        return own
+    least = f"of starts below {SURE_PROBABILITY:.0%} most are wrong"
+    doubt = f"The network gives the start a probability of {own.percent}, and {least}."
+    return replace(own, doubt=doubt)
 
 
 def _with_wheels(
@@ -448,7 +462,8 @@ def best_start(
     rating = f"probability {hypotheses[best].percent}, loss {losses[best]:.2f}"
     note = f"start found: proposal {best + 1} of {len(losses)}, {rating}"
     note += f", the next best {sorted(losses)[1]:.2f}" if len(losses) > 1 else ""
-    return Start(poses[best], (f"{note}; look whether it is right.",))
+    note = f"{note}; look whether it is right."
+    return Start(poses[best], (note,), doubt=hypotheses[best].doubt)
 
 
 def outline_box(pose: Pose, points: FloatArray) -> Rectangle:

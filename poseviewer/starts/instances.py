@@ -96,7 +96,7 @@ class AutoStart:
         notes = [note for start in (first, *others) for note in start.notes]
         if (count := len(others) + 1) < self.instances:
             notes.append(f"{count} of {self.instances} instances: nothing else looks like one.")
-        return Start(first.pose, tuple(notes), tuple(start.pose for start in others))
+        return first._replace(notes=tuple(notes), others=tuple(others))
 
     def _find(self, query: StartQuery, renderer: Renderer) -> list[Start]:
         watch, starts = self.watch, list[Start]()

@@ -64,8 +64,10 @@ class Start(NamedTuple):
 
     pose: Pose
     notes: tuple[str, ...]
-    others: tuple[Pose, ...] = ()
+    others: tuple["Start", ...] = ()
     """Starts of further instances of the model."""
+    doubt: str = ""
+    """Sentence why the pose may be far off, so that no verdict is ``found``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,14 +109,15 @@ def open_photo_scene(
     Raises:
         PoseViewerError: a file cannot be used; no start is found, or one for another size.
     """
-    settings, others = settings or FitSettings(), tuple[Pose, ...]()
+    settings = settings or FitSettings()
     is_loaded = isinstance(photo, Photo)
     if isinstance(calibration, str | Path):
         calibration = Calibration(Path(calibration))
     opened = photo if is_loaded else load_calibrated_photo(photo, calibration)
     model = model if isinstance(model, ModelFile) else load_model(model)
     without, note = tuple(settings.without or ()), ""
-    notes = tuple[str, ...]()
+    notes, others = tuple[str, ...](), tuple[Start, ...]()
+    doubt = ""
     if isinstance(start, str | Path):
         record = load_pose(start, opened.width, opened.height)
         opened, record, of_camera = _match_start(opened, record)
@@ -133,14 +136,16 @@ def open_photo_scene(
         mask = load_mask(mask, (opened.width, opened.height))
     if not isinstance(start, Pose):
         mesh = model.content.mesh_without(without)
-        start, notes, others = start(StartInputs(opened, mesh, model.keypoints, mask, settings))
+        inputs = StartInputs(opened, mesh, model.keypoints, mask, settings)
+        start, notes, others, doubt = start(inputs)
     camera = start.camera
     if (camera.width, camera.height) != (opened.width, opened.height):
         found = f"{camera.width}x{camera.height} px, and {opened.name} has {opened.width}x"
         wanted = "use pose.rescale, if it is the same photo made smaller or larger"
         raise SettingsError(f"a start for photos of {found}{opened.height}; {wanted}.")
     file = PhotoFile.of(opened, None if is_loaded else Path(photo))
-    fields = {"without": model.content.mesh_without(without).left_out, "note": note}
+    left_out = model.content.mesh_without(without).left_out
+    fields = {"without": left_out, "note": note, "doubt": doubt}
     scene = scene_at(View(file, camera, mask=mask), model, start, settings=settings, **fields)
     notes = (*notes_of(opened), *notes_of(model), *notes)
     return with_instances(replace(scene, name=opened.name, notes=notes), others)
@@ -176,7 +181,7 @@ def open_sequence(
     return store_key(scene, 0) if is_given else scene
 
 
-def with_instances(scene: Scene, others: Sequence[Pose]) -> Scene:
+def with_instances(scene: Scene, others: Sequence[Start]) -> Scene:
     """Add further instances of the only object: ``bottle`` is beside ``bottle 2``."""
     if not others:
         return scene
@@ -184,8 +189,8 @@ def with_instances(scene: Scene, others: Sequence[Pose]) -> Scene:
     names = stem, *(f"{stem} {number}" for number in range(2, len(others) + 2))
     objects = (replace(first, id=str(i), name=name) for i, name in enumerate(names, 1))
     scene = replace(scene, objects=tuple(objects))
-    for index, pose in enumerate(others, 1):
-        scene = scene.with_pose(index, pose)
+    for index, start in enumerate(others, 1):
+        scene = scene.with_pose(index, start.pose).with_object(index, doubt=start.doubt)
     return scene
 
 

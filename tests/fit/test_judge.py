@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from poseviewer.api import load
 from poseviewer.confidence.verdict import judge
 from poseviewer.fit.covariance import FOCAL_MODELS, MODELS, find_covariance, inverse_curvature
 from poseviewer.fit.judge import gather_features, judge_end
@@ -20,7 +21,7 @@ from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.symmetry_group import Symmetry, SymmetryAxis
 from poseviewer.render.software.software_renderer import SoftwareRenderer
-from poseviewer.starts.loading import open_photo_scene
+from poseviewer.starts.loading import Start, open_photo_scene
 from poseviewer.vehicle.chart import MIN_AXLE_COMPONENT, VehicleChart
 from tests.geometry.test_charts import make_keypoints
 from tests.opened import by, locked
@@ -133,6 +134,22 @@ def test_a_symmetric_model_says_which_turns_no_photo_tells(case, truth):
         assert end.verdict is not None
         said = " ".join(end.verdict.reasons)
         assert said.count("the same after half a turn about (0, 0, 1)") == count
+
+
+def test_a_pose_from_a_doubtful_start_is_not_found(scene, truth):
+    """Those of all instances know of their own start, until somebody puts the model elsewhere."""
+    doubt = "Of such starts most are wrong."
+    for doubts in ((doubt, ""), ("", doubt)):
+        start = Start(truth, (), (Start(truth, (), doubt=doubts[1]),), doubts[0])
+        both = load(scene.photo, scene.model, lambda _, start=start: start)
+        for own, said in zip((both["1"], both["2"]), doubts, strict=True):
+            for placed, reason in ((own, said), (own.at(truth), "")):
+                alone = replace(placed.scene, objects=(placed.object,))
+                at = FitProgress.at_start(make_problem(alone)[0])
+                verdict = judge_end(replace(at, status=Status.CONVERGED), own.renderer).verdict
+                assert verdict is not None
+                assert verdict.label == ("doubtful" if reason else "found")
+                assert (verdict.reasons[-1] == doubt) is bool(reason)
 
 
 def test_the_less_is_seen_the_less_sure_it_is_and_what_is_held_is_sure(case, truth):

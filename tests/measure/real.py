@@ -46,7 +46,7 @@ from poseviewer.starts.automatic import (
     outline_box,
     propose,
 )
-from poseviewer.starts.loading import StartInputs
+from poseviewer.starts.loading import Start, StartInputs
 
 DATA = Path(os.environ.get("POSEVIEWER_DATA") or Path(__file__).parents[3] / "shared" / "data")
 START_DEG, START_PERCENT = 15.0, 15.0
@@ -118,13 +118,13 @@ def start_trials(cases: Sequence[Case], features: Path | None = None) -> Iterato
                 yield Trial(_set_of(case), way, case.name, *NO_FIT, seconds)
                 continue
             errors = [pose_error(model.mesh, proposal.pose, case.truth) for proposal in proposals]
-            taken = best_start(query, proposals, renderer).pose
+            taken = best_start(query, proposals, renderer)
             yield replace(
                 _fit(case, taken, way),
                 seconds=seconds,
                 proposals=len(errors),
                 right_proposal=next((i for i, e in enumerate(errors, 1) if is_right(e)), 0),
-                is_taken_right=is_right(pose_error(model.mesh, taken, case.truth)),
+                is_taken_right=is_right(pose_error(model.mesh, taken.pose, case.truth)),
                 probability=proposals[0].probability,
             )
 
@@ -152,12 +152,12 @@ def careless_box(name: str, mesh: Mesh, truth: Pose) -> Rectangle:
     return Rectangle(*map(round, wide))
 
 
-def _fit(case: Case, start: Pose, way: str) -> Trial:
+def _fit(case: Case, start: Start, way: str) -> Trial:
     model, renderer = fetch_model(case.mesh)
-    registration = load(case.photo, model, start, renderer=renderer)
+    registration = load(case.photo, model, lambda _: start, renderer=renderer)
     began = time.perf_counter()
     end = registration.fit(threads=processors())
-    return _trial(case, way, start, end, time.perf_counter() - began)
+    return _trial(case, way, start.pose, end, time.perf_counter() - began)
 
 
 def _trial(case: Case, way: str, start: Pose, end: FitResult, seconds: float) -> Trial:
@@ -208,7 +208,7 @@ def view_trials(
         model, start = fetch_model(first.mesh)[0], Pose(first.truth.camera, starts[first.name])
         for count in (count for count in counts if count <= len(chosen)):
             if count == 1:
-                yield _fit(first, start, "1 photo")
+                yield _fit(first, Start(start, ()), "1 photo")
                 continue
             views = LoadedViews("exact", tuple(map(_view, chosen[:count])), None, 1.0)
             choice = SetChoice(view=views.views[0].name)

@@ -18,7 +18,7 @@ from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.renderers import make_renderer
-from poseviewer.starts import learned
+from poseviewer.starts import automatic, learned
 from poseviewer.starts.automatic import StartQuery, outermost_points, outline_box, propose
 from poseviewer.starts.instances import AutoStart
 from poseviewer.starts.learned import compare_with_photo, propose_rectangles
@@ -129,6 +129,14 @@ def test_a_network_is_refused_with_a_box_or_a_region(scene: Scene):
     ):
         with pytest.raises(SettingsError, match="with a box or a region"):
             start(given)
+
+
+def test_a_start_that_the_network_hardly_believes_in_is_doubtful():
+    camera = Perspective(300.0, 300.0, 160.0, 120.0, 320, 240)
+    pose = Pose(camera, RigidTransform.identity())
+    sure, unsure = (automatic._by_network(pose, odds) for odds in (7.0 / 3.0, 2.0))
+    assert not sure.doubt
+    assert "gives the start a probability of 67%, and of starts below 70% most are" in unsure.doubt
 
 
 def test_windows_gather_the_votes_of_a_view():

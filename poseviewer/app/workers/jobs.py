@@ -171,8 +171,9 @@ def propose_and_fit(
         yield list_starts(ProposedStarts(document, starts, lines))
         if document.object.is_placed:
             return
-        best = best_start(query, starts, renderer, watch).pose
-        at_best = move_to(document, best).with_start_here
+        start = best_start(query, starts, renderer, watch)
+        best, doubt = start.pose, start.doubt
+        at_best = move_to(document, best).with_start_here.with_object(doubt=doubt)
         settings = at_best.settings
         if best.camera != document.pose.camera:  # a guess by wheels
             settings = replace(settings, free_focal=True)

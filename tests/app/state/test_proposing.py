@@ -254,10 +254,12 @@ def test_a_network_proposes_what_texture_and_wheels_do_not(scene, tmp_path: Path
     assert none is not None
     assert not none.starts
     save_random_backbone(tmp_path / "model.safetensors")
-    listing, *_ = made(document, lambda: None, tmp_path / "model.safetensors")
+    listing, fitting = made(document, lambda: None, tmp_path / "model.safetensors")
     listed = after(session, listing).proposals
     assert listed is not None
     assert listed.starts
+    _, request, _, index = fitting.arguments
+    assert request.start.object.doubt == listed.starts[index].doubt
 
 
 @pytest.mark.slow
