@@ -143,8 +143,11 @@ def mark_wheels(hand: Hand, keypoints: VehicleKeypoints, count: int = 2) -> None
     now = hand.drawn_alone(pose_beside_wheels(hand.models[0].mesh, hand.cases[0].truth.camera))
     sides = keypoints.left, keypoints.right
     side = max(sides, key=lambda own: float(-now.camera_from_model.rotation[2] @ own.axle))
-    for hub in (side.rear_wheel, side.front_wheel)[:count]:
+    marks = hand.tab.page.locator(".pv-model text")
+    for number, hub in enumerate((side.rear_wheel, side.front_wheel)[:count], 1):
         hand.mark_model(now.project(hub))
+        if number < count:
+            hand.tab.until(lambda number=number: marks.count() == number)
 
 
 def by_marked_wheels(hand: Hand, keypoints: VehicleKeypoints) -> None:
