@@ -34,7 +34,8 @@ WINDOW = (1120, 700)
 """Little more than the page has another layout for: without a GPU each pixel takes time."""
 COARSE = 0.25
 """Pixels of the photo's canvas to one of the page, where no test looks at colours."""
-PATIENCE_MS = 120_000
+PATIENCE_MS = 300_000
+"""Longest wait: three objects take 100 s on two slow cores that other tests share."""
 READY = """window.__viserMutable?.cameraControl && window.poseviewer &&
     document.documentElement.dataset.poseviewerView &&
     document.documentElement.classList.contains("pv-ready") &&
@@ -236,6 +237,7 @@ class AppPage:
         """Draw a box about points (n, 2) of the photo, and start from what is proposed there."""
         self.open_step(2)
         self.page.get_by_role("button", name="Fit to box").click()
+        self.wait_for_text("drag a rectangle about the object")
         self.drag(shown.min(axis=0) - 4.0, shown.max(axis=0) + 4.0, photo)
         self.wait_for_text("proposal 1 of")
 

@@ -94,6 +94,7 @@ class Hand:
 
     def fit_to_box(self, index: int = 0) -> None:
         self.press("Fit to box")
+        self.tab.wait_for_text("drag a rectangle about the object")
         self.drag(*self.box(index))
         self.tab.wait_for_text("proposal 1 of")
 
