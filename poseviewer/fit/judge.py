@@ -85,13 +85,13 @@ def judge_end(
         if verdict.label != "lost":
             charts, known = [view.chart for view in problem.views], [one.covariance for one in each]
             covariance = joint_covariance(charts, known, parameters, problem.mesh)
-        return replace(progress, verdict=_about_problem(verdict, problem), covariance=covariance)
+        return replace(progress, verdict=_add_reservations(verdict, problem), covariance=covariance)
     probing = partial(Probe, problem, renderer, progress.pose, threads)
     if progress.status is not Status.NOTHING_SEEN:
         # Raises for a pose in part behind the camera, or on the border of its chart.
         with suppress(PoseViewerError), closing(probing()) as probe:
             features = gather_features(probe, probed)
-    verdict = _about_problem(judge(features), problem)
+    verdict = _add_reservations(judge(features), problem)
     if features is None or verdict.label == "lost":
         covariance = None
     elif covariance is None:
@@ -102,8 +102,8 @@ def judge_end(
     return replace(progress, verdict=verdict, covariance=covariance)
 
 
-def _about_problem(verdict: Verdict, problem: FitProblem) -> Verdict:
-    """Add what the photo does not tell: rotations by the model's symmetry, a doubtful start."""
+def _add_reservations(verdict: Verdict, problem: FitProblem) -> Verdict:
+    """Add reasons that the photo does not tell: the model's symmetry, and a doubtful start."""
     if verdict.label == "lost":
         return verdict
     turns, reasons = problem.symmetry.words, verdict.reasons

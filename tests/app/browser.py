@@ -35,7 +35,7 @@ WINDOW = (1120, 700)
 COARSE = 0.25
 """Pixels of the photo's canvas to one of the page, where no test looks at colours."""
 PATIENCE_MS = 300_000
-"""Longest wait: three objects take 100 s on two slow cores that other tests share."""
+"""Longest wait: a search takes minutes on slow cores that other tests share."""
 READY = """window.__viserMutable?.cameraControl && window.poseviewer &&
     document.documentElement.dataset.poseviewerView &&
     document.documentElement.classList.contains("pv-ready") &&

@@ -172,8 +172,8 @@ def propose_and_fit(
         if document.object.is_placed:
             return
         start = best_start(query, starts, renderer, watch)
-        best, doubt = start.pose, start.doubt
-        at_best = move_to(document, best).with_start_here.with_object(doubt=doubt)
+        best = start.pose
+        at_best = move_to(document, best).with_start_here.with_object(doubt=start.doubt)
         settings = at_best.settings
         if best.camera != document.pose.camera:  # a guess by wheels
             settings = replace(settings, free_focal=True)
