@@ -1,4 +1,8 @@
-"""Real data where it is there, a scene, and settings for all tests."""
+"""Real data where it is there, a scene, and settings for all tests.
+
+Two cores of an Intel Xeon of 2.1 GHz (Sapphire Rapids) take 3 minutes, and another 14 for those
+that are marked slow.
+"""
 
 import os
 from collections.abc import Iterator
@@ -7,6 +11,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from assets.source.data_folder import DATA
 from poseviewer.cli.terminal import tell_of_compiling
 from poseviewer.render.software.compiled import compile_kernels
 from tests.scene import Scene, make_scene
@@ -19,8 +24,6 @@ settings.load_profile("seeded")
 # Workers inherit this: BLAS threads of several processes on the same cores only hinder
 # each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
-REPOSITORY = Path(__file__).resolve().parent.parent
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
@@ -47,19 +50,15 @@ def own_state(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """The folder of real photos, models and poses; skips where it is absent."""
-    given = os.environ.get("POSEVIEWER_DATA")
-    folder = Path(given) if given else REPOSITORY.parent / "shared" / "data"
-    if not (folder / "cases.json").is_file():
-        pytest.skip(f"no real data in {folder}; set POSEVIEWER_DATA to the folder that has it")
-    return folder
+    if not (DATA / "cases.json").is_file():
+        pytest.skip(f"no real data in {DATA}; set POSEVIEWER_DATA to the folder that has it")
+    return DATA
 
 
 @pytest.fixture(scope="session")
 def shared_cases() -> Path:
     """The folder of small files that were read wrong once; skips where it is absent."""
-    given, data = os.environ.get("POSEVIEWER_CASES"), os.environ.get("POSEVIEWER_DATA")
-    beside = Path(data).parent if data else REPOSITORY.parent / "shared"
-    folder = Path(given) if given else beside / "cases"
+    folder = Path(os.environ.get("POSEVIEWER_CASES") or DATA.parent / "cases")
     if not (folder / "camera_forms").is_dir():
         pytest.skip(f"no cases in {folder}; set POSEVIEWER_CASES to the folder that has them")
     return folder

@@ -23,6 +23,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from PIL import Image
 
+from assets.source.data_folder import DATA
 from poseviewer.api import make_registration
 from poseviewer.cli import main as cli
 from poseviewer.evaluation.cases import visibility_label
@@ -47,7 +48,6 @@ from poseviewer.figures.study_sheet import Panel, make_study_sheet
 from poseviewer.figures.text_table import Table
 from poseviewer.files.table import load_rows
 from poseviewer.geometry.charts import short_name
-from tests.measure.real import DATA
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE, README = ROOT / "assets" / "docs" / "results.md", ROOT / "README.md"

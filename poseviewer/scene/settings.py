@@ -19,12 +19,12 @@ ChartName = Literal["auto", "vehicle", "free-body"]
 PixelsName = Literal["near", "whole", "clip"]
 InFrontName = Literal["find", "painted", "nothing"]
 LOSSES: dict[LossName, str] = {
-    "default": "Default (light, colours, edges)",
+    "default": "Default: light, colour, edges",
     "paper": "Paper (2010)",
 }
 """Names of the losses for people: what the default compares, and the year of the paper."""
 SEARCHES: dict[SearchName, str] = {
-    "simplex": "Restarted simplex", "models": "CMA-ES and quadratic models"
+    "simplex": "Restarted simplex", "models": "CMA-ES, quadratic models"
 }  # fmt: skip
 OF_LOSS = ("grey", "colour_reflectance", "pixels")
 """The settings that each loss has its own of: what it compares."""

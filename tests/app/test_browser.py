@@ -75,16 +75,16 @@ def test_loss_and_search_are_two_choices(page: AppPage, demo: AppProcess):
         return [saved["settings"][name] for name in ("loss", "search")]
 
     page.open_step(3)
-    wait_for_search("CMA-ES and quadratic models")
+    wait_for_search("CMA-ES, quadratic models")
     choose("Loss", "Paper (2010)")
     wait_for_search("Restarted simplex")  # the paper's own, until one is chosen
-    choose("Search", "CMA-ES and quadratic models")
+    choose("Search", "CMA-ES, quadratic models")
     searched = search_and_stop("Loss: Paper (2010), pixels inside the model")
     assert searched == ["paper", "models"]
-    choose("Loss", "Default (light, colours, edges)")
+    choose("Loss", "Default: light, colour, edges")
     choose("Search", "Restarted simplex")
-    assert search_and_stop("Loss: Default (light, colours, edges)") == ["default", "simplex"]
-    choose("Search", "CMA-ES and quadratic models")
+    assert search_and_stop("Loss: Default: light, colour, edges") == ["default", "simplex"]
+    choose("Search", "CMA-ES, quadratic models")
 
 
 def test_wheel_zooms_at_the_cursor_and_a_key_returns(page: AppPage):

@@ -63,6 +63,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_page_and_readme_say_what_was_measured(folder: Path) -> None:
     page, readme = folder / "results.md", folder / "README.md"
     for path, source in ((page, results.PAGE), (readme, results.README)):

@@ -25,7 +25,6 @@ from tests.schemas import load_valid
 from tests.several import IDS, MESHES, TRUTH
 from tests.view_sets import MESH, SET_FROM_MODEL
 
-pytestmark = pytest.mark.slow
 FIT = [sys.executable, "-m", "poseviewer.cli.main", "fit"]
 
 
@@ -57,6 +56,7 @@ def off(scene, index: int) -> float:
     return float(np.linalg.norm(apart, axis=1).mean())
 
 
+@pytest.mark.slow
 def test_all_objects_of_a_scene_are_found(folder, capsys):
     assert run("fit three.scene.json --out out.json --quiet --overlay o.png") == 0
     printed = capsys.readouterr().out
@@ -69,6 +69,7 @@ def test_all_objects_of_a_scene_are_found(folder, capsys):
     assert (load_photo(Path("o.png")).pixels != load_photo(Path("three.png")).pixels).any()
 
 
+@pytest.mark.slow
 def test_a_set_is_fitted_and_its_file_says_the_pose_in_the_set(folder, capsys):
     line = "fit --views set/set.json set/m.ply --pose set/start.json --out out.json --overlay o.png"
     assert run(line, "--lock", "rotation_z", "--quiet") == 0
@@ -84,6 +85,7 @@ def test_a_set_is_fitted_and_its_file_says_the_pose_in_the_set(folder, capsys):
     assert len(words) == 3
 
 
+@pytest.mark.slow
 def test_without_opengl_only_its_own_option_fails(folder):
     """EGL without any driver, which is what a machine without Mesa has."""
     blind = {"PYOPENGL_PLATFORM": "egl", "__EGL_VENDOR_LIBRARY_DIRS": str(folder)}
@@ -96,6 +98,7 @@ def test_without_opengl_only_its_own_option_fails(folder):
     assert ended[1].stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT for one process there")
 def test_ctrl_c_keeps_the_best_pose(tmp_path):
     out, demo = tmp_path / "pose.json", demo_case()  # large: it takes long enough to be stopped

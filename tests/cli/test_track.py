@@ -38,6 +38,7 @@ def results(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in (folder / "rows").glob("*.json")}
 
 
+@pytest.mark.slow
 def test_chains_are_joined_and_done_once(tmp_path, here, capsys):
     keys = {index: [ball(index)] for index in (1, 3)}
     path, out = write_sequence(tmp_path, sequence(keys, count=4)), tmp_path / "out"

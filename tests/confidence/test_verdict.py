@@ -71,14 +71,9 @@ def test_word_and_number_of_a_verdict_never_contradict(word: str):
 @pytest.mark.parametrize(
     ("alone", "word"),
     [
-        ([0.9, 0.9], "found"),
-        ([0.1, 0.1, 0.1], "lost"),
-        ([0.99, 0.99, 0.3], "found"),
-        ([0.97, 0.97, 0.01], "doubtful"),  # a camera contradicts the other two
-        ([0.99, 0.01], "doubtful"),  # one of the other
-        ([0.99, 0.99, 0.99, 0.7, 0.7, 0.7, 0.7], "doubtful"),  # fewer than half are as sure
-        ([0.87, 0.77, 0.47, 0.52, 0.95, 0.01, 0.01, 0.06], "doubtful"),  # as many for it as against
-        ([0.87, 0.47, 0.47, 0.52, 0.95, 0.01, 0.01, 0.06], "lost"),
+        ([0.99, 0.99], "found"),
+        ([0.01, 0.01, 0.01], "lost"),
+        ([0.99, 0.01], "doubtful"),  # one contradicts the other
     ],
 )
 def test_several_photos_are_of_one_mind_or_it_is_doubtful(alone: list[float], word: str):

@@ -248,6 +248,7 @@ def test_libraries_print_nothing_about_a_damaged_photo(tmp_path: Path, capfd) ->
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="counts memory as Linux does")
 def test_a_deep_photo_takes_about_twice_the_memory_of_its_pixels(tmp_path: Path) -> None:
     path = tmp_path / "deep.png"

@@ -116,6 +116,7 @@ def test_what_is_wrong_with_frames_is_said(path, change, words):
         load_scene(path)
 
 
+@pytest.mark.slow
 def test_ten_thousand_frames_are_saved_and_no_photo_is_read(path, tmp_path):
     scene = as_saved(sequence(path, 10_000))
     for frame in scene.frames[::999]:

@@ -136,6 +136,7 @@ def test_a_symmetric_model_says_which_turns_no_photo_tells(case, truth):
         assert said.count("the same after half a turn about (0, 0, 1)") == count
 
 
+@pytest.mark.slow
 def test_a_pose_from_a_doubtful_start_is_not_found(scene, truth):
     """Those of all instances know of their own start, until somebody puts the model elsewhere."""
     doubt = "Of such starts most are wrong."

@@ -13,7 +13,7 @@ from poseviewer.confidence.verdict import Features, judge
 from poseviewer.evaluation.synthetic import photograph, random_lighting
 from poseviewer.files.demo import demo_case
 from poseviewer.fit.judge import better_turn, gather_features
-from poseviewer.fit.probing import TURNS_DEG, Probe
+from poseviewer.fit.probing import Probe
 from poseviewer.fit.problem import FitProblem, make_problem
 from poseviewer.fit.search import Search
 from poseviewer.geometry.camera import Perspective, Pose
@@ -88,20 +88,6 @@ def features_of(problem: FitProblem, pose: Pose = TRUTH) -> Features | None:
         return gather_features(probe)
 
 
-@pytest.mark.slow
-def test_a_can_is_turned_about_its_axis_and_across():
-    with probing(fitted_from(TRUTH)) as probe:
-        poses = [probe.pose(step) for step in probe.turns()]
-    assert len(poses) == 3 * 2 * len(TURNS_DEG)
-    centre = TRUTH.camera_from_model.apply(CAN.centre)
-    for pose in poses:
-        np.testing.assert_allclose(pose.camera_from_model.apply(CAN.centre), centre, atol=1e-9)
-    for degrees in (*TURNS_DEG, *(-angle for angle in TURNS_DEG)):
-        wanted = turned(TRUTH, degrees).camera_from_model.rotation
-        apart = [np.abs(pose.camera_from_model.rotation - wanted).max() for pose in poses]
-        assert min(apart) < 2e-3
-
-
 @pytest.mark.parametrize("lock", [(), ("mu_x",), ("width_per_focal",)])
 def test_motions_are_those_that_the_search_was_free_in(lock):
     files = demo_case()
@@ -168,7 +154,9 @@ def test_turns_to_equal_poses_are_no_motions():
         np.testing.assert_allclose(probe.motions @ probe.motions.T, np.eye(5), atol=1e-9)
         about = TRUTH.camera_from_model.rotation @ AXIS
         np.testing.assert_allclose(probe.motions[:, :3] @ about, 0.0, atol=1e-6)
-        assert len(probe.turns()) == 2 * 2 * len(TURNS_DEG)  # across the axis alone
+        for step in probe.turns():  # across the axis alone
+            turn = probe.pose(step).camera_from_model.rotation @ AXIS
+            assert turn @ about < 1.0 - 1e-6
 
 
 def test_an_equal_pose_is_not_away():

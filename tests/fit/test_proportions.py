@@ -58,6 +58,7 @@ def plate(width: float, height: float, x: float = 0.0, y: float = 0.0) -> Mesh:
     return replace(box, vertices=box.vertices + np.array([x, y, 0.0]), colours=colours)
 
 
+@pytest.mark.slow
 def test_a_box_is_not_found_on_an_ellipse_of_its_size(tmp_path):
     """What the ellipse lacks of the box could lie behind something."""
     ball = make_sphere()
@@ -77,6 +78,7 @@ def test_a_box_is_not_found_on_an_ellipse_of_its_size(tmp_path):
     assert verdict.label != "found"
 
 
+@pytest.mark.slow
 def test_a_plate_that_lacks_a_corner_is_not_found_on_a_whole_one(tmp_path):
     """An L-shaped plate fits into a square one but for a fourth of its outline."""
     whole, corner = plate(2, 2), merged(plate(2, 1, 0, -0.5), plate(1, 1, -0.5, 0.5))

@@ -55,23 +55,12 @@ def small(scene):
     return problem, data, renderer, alone
 
 
-def test_a_pose_that_is_trusted_ends_the_fit_unless_its_last_models_moved_far(
-    small, judge, monkeypatch
-):
-    _, data, renderer, alone = small
-    asked = judge(FOUND)
-    *_, end = run(data, renderer)
-    assert len(asked) == 1
-    assert (end.evaluations, end.loss, end.verdict) == (alone.evaluations, alone.loss, FOUND)
-    monkeypatch.setattr(searching, "LAST_MOVE_PERCENT", 0.0)
-    *_, again = run(data, renderer)
-    assert again.evaluations > alone.evaluations
-    assert again.loss <= end.loss
-
-
 @pytest.mark.slow
-def test_a_pose_that_is_not_is_searched_for_again(small, judge):
+def test_a_pose_that_is_trusted_ends_the_fit_and_another_is_searched_for_again(small, judge):
     _, data, renderer, alone = small
+    judge(FOUND)
+    *_, end = run(data, renderer)
+    assert end.evaluations == alone.evaluations
     judge(LOST)
     states = run(data, renderer)
     assert all(state.status is Status.RUNNING for state in states[:-1])

@@ -12,7 +12,7 @@ from poseviewer.confidence.verdict import Verdict
 from poseviewer.fit import search as searching
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.progress import Status
-from poseviewer.fit.search import CHANGED_FRACTION, MAX_ROUNDS, Search
+from poseviewer.fit.search import Search
 from poseviewer.fit.visibility import make_occlusion
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.transform import RigidTransform
@@ -70,7 +70,6 @@ def test_all_are_found_in_turn_the_one_seen_most_first():
             order.append(step.object_index)
     assert sorted(order[:3]) == [0, 1, 2]
     assert order[2] == 0  # the one behind
-    assert len(order) <= 3 * MAX_ROUNDS
 
 
 def first_seen(scene: Scene, *indices: int) -> np.ndarray:
@@ -122,11 +121,6 @@ def test_one_verdict_is_asked_for_where_what_others_hide_has_settled(monkeypatch
     scene = scene_of(PlacedModel(MESHES[0], start), TRUTH[1], locked=(1,))
     *_, end = searched(scene, 0).run()
     pose = end.progress.pose
-    first, last = (
-        make_occlusion(PlacedModel(MESHES[0], one), (TRUTH[1],)) for one in (start, pose)
-    )
-    changed = np.count_nonzero((first.occluded ^ last.occluded) & last.silhouette)
-    assert changed > CHANGED_FRACTION * np.count_nonzero(last.silhouette)
     assert asked == [pose]
     assert share_off(0, pose) < 0.05  # a verdict that trusts anything ends the search
     few = replace(SETTINGS, limits=Limits(end.progress.evaluations - 300))

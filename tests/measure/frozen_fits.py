@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from assets.source.data_folder import DATA
 from poseviewer.api import load
 from poseviewer.errors import EXIT_MENDABLE, PoseViewerError
 from poseviewer.evaluation.cases import load_cases, load_starts
@@ -25,7 +26,6 @@ from poseviewer.files.demo import demo_case
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.transform import rotation_angle
 from poseviewer.scene.settings import FitSettings
-from tests.measure.real import DATA
 
 CASES = {"lmo": 8, "hope": 6, "bmw_traced": 6, "m3t_shampoo": 1, "visp_dragon": 1}
 """Cases of each set, spread evenly over it ..."""

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from playwright.sync_api import Browser, Error
 
+from assets.source.data_folder import DATA
 from poseviewer.app.state.marking import pose_beside_wheels
 from poseviewer.app.workers.overlay import ALONE_MARGIN
 from poseviewer.evaluation.cases import Case, load_cases, load_starts
@@ -39,14 +40,14 @@ from poseviewer.starts.placing import SIDES, fit_into_rectangle, look_from, surf
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 from tests.app.app_process import REPOSITORY, AppProcess
 from tests.app.browser import AppPage, open_browser
-from tests.app.page.test_quick_start import BOX
-from tests.measure.real import DATA
 
 WINDOW = (1500, 900)
 OPEN = 1
 PLACE = 2
 FIT = 3
 Words = Sequence[str | Path]
+
+BOX = "node => (box => [box.x, box.y, box.width, box.height])(node.getBoundingClientRect())"
 
 
 class Hand:

@@ -11,7 +11,6 @@ exact. Folders hold ``cases.json`` and ``starts.json``; by default $POSEVIEWER_D
 import argparse
 import csv
 import hashlib
-import os
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -21,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from assets.source.data_folder import DATA
 from poseviewer.api import FitResult, load
 from poseviewer.cli.options import list_of, whole
 from poseviewer.confidence.pose_covariance import region_reach
@@ -48,7 +48,6 @@ from poseviewer.starts.automatic import (
 )
 from poseviewer.starts.loading import Start, StartInputs
 
-DATA = Path(os.environ.get("POSEVIEWER_DATA") or Path(__file__).parents[3] / "shared" / "data")
 START_DEG, START_PERCENT = 15.0, 15.0
 """Largest errors of a right start: a search from there can be hoped to end well."""
 MARGIN = 0.1

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from assets.source.data_folder import DATA
 from poseviewer.evaluation.synthetic import Lighting, cut_out
 from poseviewer.figures.text_table import Table
 from poseviewer.files.photo import load_photo, save_image
@@ -34,7 +35,6 @@ from poseviewer.render.renderers import make_renderer
 from poseviewer.scene.assets import PhotoFile
 from poseviewer.scene.sequence import store_poses, with_frames
 from poseviewer.scene.types import Frame, FramePose, Scene, SceneObject, View
-from tests.measure.real import DATA
 
 CAMERA = Perspective.from_field_of_view(50.0, 640, 480)
 FRAMES = 60

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import QuickStartError
-from poseviewer.evaluation.cases import load_cases
 from poseviewer.files.demo import demo_case
 from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.marks import wheels_from_text
@@ -89,15 +88,6 @@ def test_wheels_in_a_careless_rectangle_place_the_demo(projection: str, is_guess
     inputs = opened(case.photo, case.model)
     truth = load_pose(case.truth, inputs.photo.width, inputs.photo.height).pose
     require_placed(inputs, projection, truth, is_guess, 2.0)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "is_guess"), [("bmw-6", False), ("bmw-7", True), ("car_audi_tts", True)]
-)
-def test_wheels_place_other_cars(shared_data: Path, name: str, is_guess: bool):
-    (case,) = load_cases(shared_data, name)
-    require_placed(opened(case.photo, case.mesh), name, case.truth, is_guess, 15.0)
 
 
 def require_placed(inputs: StartInputs, name: str, truth: Pose, is_guess: bool, percent: float):

@@ -10,16 +10,14 @@ from poseviewer import api
 from poseviewer.cli.fit_command import without_lost
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import SettingsError
-from poseviewer.evaluation.cases import load_cases
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_json import load_scene
-from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.starts.automatic import StartQuery
 from poseviewer.starts.instances import propose_beside
-from poseviewer.starts.loading import StartCamera, StartInputs
+from poseviewer.starts.loading import StartInputs
 from tests.commands import read_rows, run
 from tests.several import make_three
 from tests.two_boxes import CAMERA, MESH, TRUTH, make_two, off
@@ -62,22 +60,6 @@ def test_a_row_of_a_batch_needs_no_box(two: Path):
     (row,) = read_rows(two / "results" / "results.csv")
     pose = load_pose(two / "results" / row["pose"], 640, 480).pose
     assert off(pose) < 2.0
-
-
-@pytest.mark.slow
-def test_two_real_bottles_are_found(shared_data: Path):
-    cases = load_cases(shared_data, "hope-0000-light0-bbq_sauce")
-    photo = cases[0].photo
-    model = cases[0].mesh
-    camera = cases[0].truth.camera
-    assert isinstance(camera, Perspective)
-    start = api.AutoStart(instances=2, camera=StartCamera(focal_px=camera.fx))
-    found = api.load(photo, model, start)
-    assert [item.label for item in found.objects] == ["bbq_sauce", "bbq_sauce 2"]
-    end = found.fit(threads=2, evaluations=300)
-    poses = [end[item.id].pose for item in end.objects]
-    for case in cases:
-        assert min(pose_error(end["1"].mesh, pose, case.truth).percent for pose in poses) < 2.0
 
 
 def test_lost_instances_are_hidden_beside_others(tmp_path: Path, capsys):

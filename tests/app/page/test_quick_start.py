@@ -22,7 +22,7 @@ from tests.app.browser import AppPage
 pytestmark = pytest.mark.slow
 
 PHOTO = (960, 720)
-BOX = "node => (box => [box.x, box.y, box.width, box.height])(node.getBoundingClientRect())"
+SIZE = "node => (box => [box.width, box.height])(node.getBoundingClientRect())"
 SPOTS = ((180.0, 420.0), (420.0, 300.0), (780.0, 380.0), (540.0, 460.0))
 """Places in the photo, on the car, that are seen from the app's own first view as well."""
 
@@ -45,8 +45,8 @@ def click_pair(tab: AppPage, model: ModelFile, drawn: Pose, truth: Pose, spot) -
     seen = surface_point(model.mesh, drawn, place)
     assert seen is not None
     picture = tab.page.locator(".pv-model svg")
-    x, y, *size = picture.evaluate(BOX)
-    tab.page.mouse.click(*([x, y] + place / PHOTO * size))
+    x, y = place / PHOTO * picture.evaluate(SIZE)
+    picture.click(position={"x": x, "y": y})  # once it rests
     click(tab, truth.project(seen))
 
 

@@ -83,6 +83,7 @@ def test_a_photo_alone_waits_for_its_model_where_the_demo_is_open(scene: Scene, 
         assert (hint_of(opened) == MODEL_HINT) is not is_looking
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("asked", ["task", "proposals"])
 def test_maps_and_a_search_wait_for_what_was_asked_for(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, asked: str

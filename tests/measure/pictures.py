@@ -1,4 +1,4 @@
-"""Make the pictures of the README and of the docs' pages: ``python -m assets.source.pictures``.
+"""Make the pictures of the README and of the docs' pages: ``python -m tests.measure.pictures``.
 
 Run it from the repository's root, with names of ``PICTURES`` to make those alone. All are made from
 the bundled demo by the library, the command line, or the real app in chromium.
@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
+from assets.source.data_folder import ROOT
 from poseviewer import load
 from poseviewer.cli.main import main as command_line
 from poseviewer.evaluation.cases import Case
@@ -39,7 +40,7 @@ from tests.measure.jobs import Hand, mark_wheels, save_demo_without_wheels
 from tests.several import LIGHT, lit_models, make_three
 from tests.view_sets import BOX, BOX_TRUTH, CAMERA, MESH, TRUTH, write_two, write_views
 
-ASSETS = Path(__file__).resolve().parent.parent
+ASSETS = ROOT / "assets"
 README, DOCS = ASSETS / "readme", ASSETS / "docs" / "pictures"
 DEMO, PHOTO = demo_case(), (960, 720)
 QUALITY = 74
