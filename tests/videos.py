@@ -1,6 +1,8 @@
 """Small videos, as OpenCV writes them, and changed in their bytes as cameras have them."""
 
+import re
 import struct
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import cv2
@@ -21,11 +23,42 @@ def pictures(count: int, width: int = 64, height: int = 48) -> list[NDArray[np.u
 
 def write_video(path: Path, count: int, codec: str = "mp4v") -> Path:
     """Write a video of ``pictures``."""
-    size = pictures(1)[0].shape[1::-1]
+    return write_pictures(path, pictures(count), codec)
+
+
+def write_pictures(path: Path, shown: Sequence[NDArray[np.uint8]], codec: str = "mp4v") -> Path:
+    """Write a video of RGB pictures."""
+    path.parent.mkdir(exist_ok=True)
+    size = shown[0].shape[1::-1]
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), RATE, size)
-    for picture in pictures(count):
+    for picture in shown:
         writer.write(picture[..., ::-1])
     writer.release()
+    return path
+
+
+def write_interlaced(path: Path, count: int, which: Collection[int] | None = None) -> Path:
+    """Write a video (.mp4) whose frames, or those at ``which`` places in the file, are interlaced.
+
+    The lower lines of each pair show the next frame's moment.
+    """
+    moments = pictures(count + 1, 64, 64)
+    frames = [moment.copy() for moment in moments[:-1]]
+    for frame, later in zip(frames, moments[1:], strict=True):
+        if which is None:
+            frame[1::2] = later[1::2]
+    data = bytearray(write_pictures(path, frames, "mpg2").read_bytes())
+    number = 0
+    for match in re.finditer(rb"\x00\x00\x01\xb5", bytes(data)):  # ISO/IEC 13818-2, 6.2.2, 6.2.3
+        at = match.end()
+        if data[at] >> 4 == 1:  # extension of the sequence
+            data[at + 1] &= ~0x08  # not progressive
+        elif data[at] >> 4 == 8:  # extension of a picture
+            if which is None or number in which:
+                data[at + 3] |= 0x80  # top field first
+                data[at + 4] &= ~0x80  # not progressive
+            number += 1
+    path.write_bytes(data)
     return path
 
 

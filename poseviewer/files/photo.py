@@ -88,7 +88,7 @@ def photo_size(path: str | Path) -> tuple[int, int, int]:
                 size, exif = image.size, Image.Exif() if is_late else image.getexif()
         except UnidentifiedImageError:
             raise file.error("not a picture that can be read", "wanted a whole one") from None
-        _refuse_size(file, *size)
+        refuse_size(file, *size)
     orientation = exif.get(Tag.Orientation, UPRIGHT)
     orientation = orientation if orientation in range(1, 9) else UPRIGHT
     width, height = size[::-1] if orientation > 4 else size
@@ -140,7 +140,7 @@ def _decode(file: InputFile, data: bytes) -> tuple[NDArray, float | None, bool]:
             is_preview = Tag.DNGVersion in tags or tags.get(Tag.NewSubfileType, 0) & REDUCED
             if is_preview or data[8:10] == b"CR":
                 raise raw
-            _refuse_size(file, *image.size)
+            refuse_size(file, *image.size)
             focal = focal_35mm(image.getexif(), image.width, image.height)
             is_transparent = image.has_transparency_data
             image.load()  # whether it is whole: OpenCV fills up with grey
@@ -185,7 +185,8 @@ def _scans(data: bytes) -> int:
     return count
 
 
-def _refuse_size(file: InputFile, width: int, height: int) -> None:
+def refuse_size(file: InputFile, width: int, height: int) -> None:
+    """Raise the file's error where a picture of ``width`` x ``height`` px is too large."""
     if width * height > MAX_MEGAPIXELS * 1e6:
         wanted = f"poseviewer takes up to {MAX_MEGAPIXELS:.0f} megapixels, make it smaller first"
         raise file.error(f"{width}x{height} px", wanted)
@@ -217,7 +218,7 @@ def _decode_heic(file: InputFile, data: bytes) -> tuple[NDArray, float | None, b
         raise file.error("HEIC photos need pillow-heif", wanted) from None
     picture = pillow_heif.open_heif(data, convert_hdr_to_8bit=False)
     width, height = picture.size
-    _refuse_size(file, width, height)
+    refuse_size(file, width, height)
     pixels, exif = np.array(picture).reshape(height, width, -1), Image.Exif()
     exif.load(picture.info.get("exif") or b"")
     colours = pixels[..., :-1] if picture.has_alpha else pixels

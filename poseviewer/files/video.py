@@ -1,7 +1,6 @@
-"""Videos, read forward once by OpenCV: every N-th frame becomes a JPEG with its time stamp.
+"""Videos, read forward once: every N-th frame becomes a JPEG with its time stamp.
 
-A record beside the JPEGs says of which video they are, so that it is read once. Seeking is left
-out: frame numbers are exact in few formats.
+A record beside the JPEGs says of which video they are, so that it is read once.
 """
 
 import hashlib
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from poseviewer.errors import PhotoFileError, PoseViewerError
 from poseviewer.files.checks import MAX_DATA_BYTES, InputFile, Number, is_there, quiet_libraries
 from poseviewer.files.state.folder import state_folder
+from poseviewer.files.video_decoding import decode_video, prepare_ffmpeg
 from poseviewer.files.writing import make_folder, write_json, writing_to
 
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv", ".mts", ".3gp")
@@ -29,8 +29,6 @@ MAX_FRAMES = 20_000
 JPEG_QUALITY = 95
 CODECS = {".mp4": ("avc1", "mp4v"), ".webm": ("VP90",), ".avi": ("MJPG",)}
 """Codecs of videos that are written, best first: H.264 is not on every machine."""
-QUIET = ("OPENCV_FFMPEG_LOGLEVEL", "-8")
-"""Variable that silences FFmpeg in OpenCV."""
 MIN_READ = 0.9
 """Share of the frames that the file announces, below which it breaks off: some only estimate it."""
 
@@ -71,8 +69,9 @@ def extract_frames(
         progress: is given the share that has been read, now and then.
 
     Raises:
-        PhotoFileError: it is no video, or holds no frame, or too many; the folder holds images of
-            something else, or cannot be written.
+        PhotoFileError: it is no video, or holds no frame, or too many, or too large ones; it is
+            interlaced, and PyAV is not installed; the folder holds images of something else, or
+            cannot be written.
     """
     file = InputFile(video, [], PhotoFileError, "video", MAX_VIDEO_BYTES)
     with file.naming_errors(), quiet_libraries():
@@ -117,7 +116,7 @@ def save_video(path: Path, pictures: Iterable[NDArray[np.uint8]], rate: float) -
     if path.suffix.lower() not in CODECS:
         found = f"videos cannot be written as {path.suffix!r}"
         raise file.error(found, f"name it {' or '.join(CODECS)}")
-    os.environ.setdefault(*QUIET)
+    prepare_ffmpeg()
     part, writer = path.with_name(f".{path.stem}.part{path.suffix}"), None
     try:
         for picture in pictures:
@@ -154,40 +153,33 @@ def _read(
     known: VideoRecord,
     progress: Callable[[float], object],
 ) -> VideoRecord:
-    os.environ.setdefault(*QUIET)
-    capture = cv2.VideoCapture(str(file.path), cv2.CAP_FFMPEG)
-    try:
-        if not capture.isOpened():
-            raise file.error("not a video that can be read", "is it whole? Save it as MP4")
-        said, rate = (capture.get(key) for key in (cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FPS))
-        count, times = 0, dict[str, float]()
-        while capture.grab():
-            if count % every == 0:
-                if max(len(times) + 1, said / every) > MAX_FRAMES:
-                    least = int(max(said, count + 1) // MAX_FRAMES + 1)
-                    found = f"more than {MAX_FRAMES:,} frames"
-                    raise file.error(found, f"take fewer of them, every={least} or more")
-                name = f"{count:06d}.jpg"
-                times[name] = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000.0
-                if not (folder / name).exists():
-                    whole, pixels = capture.retrieve()
-                    if whole:
-                        _save_frame(folder / name, pixels)
-                    else:
-                        del times[name]
-                progress(count / max(said, 1.0))
-            count += 1
-    finally:
-        capture.release()
+    index, times = -1, dict[str, float]()
+    with decode_video(file) as video:
+        said = video.announced
+        for index, (time, make_picture) in enumerate(video.frames):
+            if index % every:
+                continue
+            if max(len(times) + 1, said / every) > MAX_FRAMES:
+                least = int(max(said, index + 1) // MAX_FRAMES + 1)
+                found = f"more than {MAX_FRAMES:,} frames"
+                raise file.error(found, f"take fewer of them, every={least} or more")
+            name = f"{index:06d}.jpg"
+            times[name] = time
+            if not (folder / name).exists():
+                if (picture := make_picture()) is None:
+                    del times[name]
+                else:
+                    _save_frame(folder / name, picture)
+            progress(index / max(said, 1.0))
     if not times:
         raise file.error("no frame in it can be read", "is it whole? Copy it again")
-    if np.any(np.diff(list(times.values())) <= 0.0) and rate > 0.0:  # it has no time stamps
-        times = {name: int(Path(name).stem) / rate for name in times}
-    first, notes = next(iter(times.values())), known.notes
-    if count < MIN_READ * said:
-        notes = (f"{file.path.name} breaks off after {count:,} of {said:,.0f} frames.",)
+    if np.any(np.diff(list(times.values())) <= 0.0) and video.rate > 0.0:  # it has no time stamps
+        times = {name: int(Path(name).stem) / video.rate for name in times}
+    first, notes = next(iter(times.values())), video.notes
+    if index + 1 < MIN_READ * said:
+        notes.append(f"{file.path.name} breaks off after {index + 1:,} of {said:,.0f} frames.")
     times = known.times_s | {name: round(time - first, 6) for name, time in times.items()}
-    return structs.replace(known, every=(*known.every, every), times_s=times, notes=notes)
+    return structs.replace(known, every=(*known.every, every), times_s=times, notes=tuple(notes))
 
 
 def _save_frame(path: Path, bgr: NDArray) -> None:

@@ -2,16 +2,30 @@
 
 import json
 import os
+import sys
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from poseviewer.errors import PhotoFileError
-from poseviewer.files import video
+from poseviewer.files import photo, video, video_decoding
+from poseviewer.files.checks import InputFile
+from poseviewer.files.file_set import files_below, sort_set
 from poseviewer.files.image_sequence import ImageSequence, load_sequence
 from poseviewer.files.photo import load_photo
-from tests.videos import bar_of, set_durations, turn_video, write_video
+from poseviewer.files.state.uploads import keep_zip
+from poseviewer.files.video import extract_frames
+from tests.videos import (
+    bar_of,
+    pictures,
+    set_durations,
+    turn_video,
+    write_interlaced,
+    write_pictures,
+    write_video,
+)
 
 
 def bars(sequence: ImageSequence) -> list[int]:
@@ -43,8 +57,8 @@ def test_the_times_are_those_of_the_frames_whatever_the_rate(tmp_path: Path) -> 
 def test_a_video_of_a_phone_is_upright(tmp_path: Path) -> None:
     clip = write_video(tmp_path / "clip.mp4", 2)
     turn_video(clip)
-    photo = load_photo(load_sequence(clip).paths[0])
-    assert (photo.width, photo.height) == (48, 64)
+    frame = load_photo(load_sequence(clip).paths[0])
+    assert (frame.width, frame.height) == (48, 64)
 
 
 def test_a_video_is_read_once_and_anew_where_it_has_changed(tmp_path: Path) -> None:
@@ -144,3 +158,100 @@ def test_frames_are_kept_elsewhere_where_the_user_says_or_the_disk_wants_it(tmp_
     kept = load_sequence(clip).paths[0].parent
     assert kept.parent == tmp_path / "state" / "frames"
     assert json.loads((kept / "frames.json").read_text())["video"] == "clip.mp4"
+
+
+@pytest.mark.parametrize("which", [None, [0]])
+def test_interlaced_frames_become_one_moment_each(tmp_path, monkeypatch, which):
+    """By PyAV. OpenCV says that it reads them, and returns what is in its memory."""
+    clip = write_interlaced(tmp_path / "clip.mp4", 8, which)
+    with monkeypatch.context() as without:
+        without.setitem(sys.modules, "av", None)  # as Python has what cannot be imported
+        with pytest.raises(PhotoFileError, match=r"clip\.mp4: its frames are interlaced") as error:
+            load_sequence(clip)
+    assert "pip install 'poseviewer[video]', or ffmpeg -i clip.mp4 -vf yadif" in str(error.value)
+    assert [path.name for path in tmp_path.iterdir()] == ["clip.mp4"]
+    pytest.importorskip("av")
+    frames = load_sequence(clip)
+    assert bars(frames) == list(range(8))
+    assert frames.times_s == pytest.approx(0.04 * np.arange(8))
+    (note,) = frames.notes
+    assert note.startswith("clip.mp4 is interlaced: of each frame one field is kept")
+    for path in frames.paths:
+        bright = load_photo(path).pixels[8:-8, :, 0] > 120
+        assert np.ptp(bright.sum(axis=1)) <= 1  # without the comb of two moments
+
+
+def test_a_video_that_begins_still_is_read_by_opencv(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "av", None)
+    shown = [*pictures(1) * 20, *pictures(4)[1:]]
+    clip = write_pictures(tmp_path / "clip.avi", shown, "FFV1")
+    assert bars(load_sequence(clip)) == [0] * 20 + [1, 2, 3]
+
+
+def test_what_pyav_reads_is_turned_and_timed_as_by_opencv(tmp_path, monkeypatch):
+    pytest.importorskip("av")
+    clip = write_video(tmp_path / "clip.mp4", 4)
+    turn_video(clip)
+    set_durations(clip, [512, 1024, 256, 512])
+    by_opencv = load_sequence(clip, folder=tmp_path / "opencv")
+    monkeypatch.setattr(video_decoding, "_makes_pictures", lambda _: False)
+    by_pyav = load_sequence(clip, folder=tmp_path / "pyav")
+    assert by_pyav.times_s == by_opencv.times_s
+    for one, other in zip(by_pyav.paths, by_opencv.paths, strict=True):
+        assert np.abs(load_photo(one).pixels - load_photo(other).pixels.astype(int)).max() <= 3
+
+
+PLAYLISTS = {
+    "ffconcat": "ffconcat version 1.0\nfile {}\n",
+    "HLS": "#EXTM3U\n#EXT-X-TARGETDURATION:9\n#EXTINF:1,\n{}\n#EXT-X-ENDLIST\n",
+    "SDP": "v=0\nc=IN IP4 127.0.0.1\nm=video 5004 RTP/AVP 96\na=rtpmap:96 H264/90000\ns={}\n",
+}
+
+
+@pytest.mark.parametrize("text", PLAYLISTS.values(), ids=PLAYLISTS)
+@pytest.mark.parametrize("name", ["clip.mp4", "clip.mts", "clip.mkv"])
+def test_a_text_that_names_other_files_is_no_video(tmp_path, text, name):
+    """Neither alone, nor dropped on the page in a zip."""
+    private = write_video(tmp_path / "private.mp4", 4)
+    packed = tmp_path / "set.zip"
+    with zipfile.ZipFile(packed, "w") as archive:
+        archive.writestr(name, text.format(private))
+        archive.write(private, "private.mp4")
+        archive.writestr(f"again/{name}", text.format("../private.mp4"))
+    (tmp_path / name).write_text(text.format("private.mp4"))
+    place = keep_zip(tmp_path / "uploads", packed)
+    dropped = [path for path in files_below(place) if path.name == name]
+    assert len(dropped) == 2
+    for path in (tmp_path / name, *dropped):
+        with pytest.raises(PhotoFileError, match="not a video that can be read"):
+            load_sequence(sort_set([path]).frames)
+        with pytest.raises(PhotoFileError, match="not a video that can be read"):
+            extract_frames(path)
+        assert not list(path.parent.glob("*.frames"))
+
+
+def test_pyav_opens_no_playlist_either(tmp_path: Path) -> None:
+    av = pytest.importorskip("av")
+    write_video(tmp_path / "private.mp4", 4)
+    clip = tmp_path / "clip.mp4"
+    clip.write_text(PLAYLISTS["ffconcat"].format("private.mp4"))
+    file = InputFile(clip, [], PhotoFileError, "video")
+    with pytest.raises(av.FFmpegError):
+        next(video_decoding._deinterlaced(file, []))
+
+
+def test_options_of_the_user_for_ffmpeg_are_kept(monkeypatch):
+    monkeypatch.setenv(video_decoding.OPTIONS, "threads;1")
+    for _ in range(2):
+        video_decoding.prepare_ffmpeg()
+    options = os.environ[video_decoding.OPTIONS].split("|")
+    assert options[0] == "threads;1"
+    assert len(options) == 3
+
+
+def test_frames_that_are_too_large_are_refused_by_the_header(tmp_path, monkeypatch):
+    clip = write_video(tmp_path / "clip.mp4", 4)
+    monkeypatch.setattr(photo, "MAX_MEGAPIXELS", 0.003)
+    with pytest.raises(PhotoFileError, match="64x48 px; poseviewer takes up to"):
+        load_sequence(clip)
+    assert [path.name for path in tmp_path.iterdir()] == ["clip.mp4"]
