@@ -23,6 +23,8 @@ class ImageSequence:
     paths: tuple[Path, ...]
     times_s: tuple[float | None, ...]
     """Time stamps from the first frame, s; None: not known."""
+    sha256s: tuple[str | None, ...]
+    """Fingerprints of the files; None: not known."""
     notes: tuple[str, ...] = ()
 
 
@@ -35,8 +37,7 @@ def load_sequence(
     Args:
         source: folder of images, their files, or a video; as ``FileSet.frames`` has them, too.
         every: take the first frame, and every N-th after it.
-        folder: where a video's frames are kept; None: ``VIDEO.frames`` beside it, or in the folder
-            of state.
+        folder: where a video's frames are kept; None: as of ``extract_frames``.
         progress: is given the share of a video that has been read, now and then.
 
     Raises:
@@ -53,7 +54,8 @@ def load_sequence(
         names = record.names(every)
         times = tuple(record.times_s[name] for name in names)
         paths = tuple(folder.absolute() / name for name in names)
-        return ImageSequence(path.name, paths, times, record.notes)
+        known = tuple(record.sha256s.get(name) for name in names)
+        return ImageSequence(path.name, paths, times, known, record.notes)
     if not path.is_dir():
         wanted = f"wanted a folder of images, or a video ({', '.join(VIDEOS)})"
         raise PhotoFileError(f"{path.name}: no such folder, and no video; {wanted}.")
@@ -103,8 +105,10 @@ def _of_images(name: str, paths: Sequence[Path], every: int) -> ImageSequence:
         reasons = list_names([str(error).rstrip(".") for error in errors], MAX_NAMED)
         notes += (f"{len(errors)} of {len(paths[::every])} frames are left out: {reasons}.",)
     record = load_record(paths[0].parent)
-    known = record.times_s if record else {}
-    return ImageSequence(name, tuple(kept), tuple(known.get(path.name) for path in kept), notes)
+    times, known = (record.times_s, record.sha256s) if record else ({}, {})
+    times_s = tuple(times.get(path.name) for path in kept)
+    sha256s = tuple(known.get(path.name) for path in kept)
+    return ImageSequence(name, tuple(kept), times_s, sha256s, notes)
 
 
 def _gap_notes(paths: Sequence[Path]) -> tuple[str, ...]:

@@ -1,12 +1,16 @@
 """Videos, read forward once: every N-th frame becomes a JPEG with its time stamp.
 
-A record beside the JPEGs says of which video they are, so that it is read once.
+A record beside the JPEGs says of which video they are, so that it is read once, and has the
+fingerprint of each, by which poses know their frames.
 """
 
 import hashlib
 import os
-from collections.abc import Callable, Iterable
+import re
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
+from functools import cache
+from itertools import chain, count, pairwise
 from pathlib import Path
 from typing import Annotated
 
@@ -16,13 +20,22 @@ from msgspec import Meta, Struct, structs
 from numpy.typing import NDArray
 
 from poseviewer.errors import PhotoFileError, PoseViewerError
-from poseviewer.files.checks import MAX_DATA_BYTES, InputFile, Number, is_there, quiet_libraries
+from poseviewer.files.checks import MAX_DATA_BYTES, InputFile, Number, quiet_libraries
 from poseviewer.files.state.folder import state_folder
+from poseviewer.files.structs import Sha256
 from poseviewer.files.video_decoding import decode_video, prepare_ffmpeg
-from poseviewer.files.writing import make_folder, write_json, writing_to
+from poseviewer.files.writing import (
+    make_folder,
+    require_replaceable,
+    sha256_of,
+    write_json,
+    writing_to,
+)
 
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv", ".mts", ".3gp")
 RECORD = "frames.json"
+FRAME = re.compile(r"[0-9]{6,}\.jpg")
+"""Names of frames' files, of which a record has no others."""
 MAX_VIDEO_BYTES = 10**12
 MAX_FRAMES = 20_000
 """Limit of the frames kept: 2 GB of 640x480 px."""
@@ -41,14 +54,24 @@ class VideoRecord(Struct, frozen=True, kw_only=True):
     video: str
     bytes: int
     modified_ns: int
+    sha256: Sha256 | None = None
+    """Fingerprint of the video; None in records of versions that did not keep frames apart."""
     every: tuple[Step, ...] = ()
     times_s: dict[str, Number] = {}
     """Time stamps from the first frame, s, by the frames' files, which their numbers name."""
+    sha256s: dict[str, Sha256] = {}
+    """Fingerprints of the frames' files."""
     notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in self.times_s:
+            if not FRAME.fullmatch(name):
+                raise ValueError(f".times_s has {name[:40]!r}; wanted names such as 000120.jpg")
 
     def names(self, every: int) -> list[str]:
         """Return the files of every N-th frame, in order."""
-        return sorted(name for name in self.times_s if not int(Path(name).stem) % every)
+        chosen = (name for name in self.times_s if not _number_of(name) % every)
+        return sorted(chosen, key=_number_of)
 
     def has(self, every: int) -> bool:
         """Tell whether every N-th frame was read."""
@@ -60,12 +83,13 @@ def extract_frames(
     progress: Callable[[float], object] | None = None,
 ) -> tuple[Path, VideoRecord]:  # fmt: skip
     """Keep every N-th frame of a video as a JPEG, unless that was done; return folder and record.
+    Frames of another video, or of the video as it was before, are left alone.
 
     Args:
         video: its file.
         every: number N.
         folder: where the frames are kept; None: ``VIDEO.frames`` beside it, or in the folder of
-            state where that cannot be written.
+            state where that cannot be written; ``VIDEO.2.frames`` where that is of another video.
         progress: is given the share that has been read, now and then.
 
     Raises:
@@ -76,17 +100,33 @@ def extract_frames(
     file = InputFile(video, [], PhotoFileError, "video", MAX_VIDEO_BYTES)
     with file.naming_errors(), quiet_libraries():
         file.check_size()
-        status, folder = video.stat(), folder or _folder_of(video)
-        new = VideoRecord(video=video.name, bytes=status.st_size, modified_ns=status.st_mtime_ns)
-        known = load_record(folder)
-        if known is None and (any(folder.glob("*.jpg")) or (folder / RECORD).exists()):
+        status, sha256 = video.stat(), cache(lambda: sha256_of(video))
+
+        def record_in(place: Path) -> VideoRecord | None:
+            """The record in a folder, if its frames are of the video."""
+            known = load_record(place)
+            if known is None or known.sha256 is None or known.bytes != status.st_size:
+                return None
+            is_of_video = known.modified_ns == status.st_mtime_ns or known.sha256 == sha256()
+            return known if is_of_video else None
+
+        for place in _places_of(video) if folder is None else [folder]:
+            stored = record_in(place)
+            if stored is not None or _is_free(place):
+                break
+        else:
             found = f"its frames belong into {folder}, which holds other files"
             raise file.error(found, "name an empty folder")
-        if known is None or structs.replace(known, every=(), times_s={}, notes=()) != new:
-            for name in () if known is None else known.times_s:  # of the video as it was
-                (folder / name).unlink(missing_ok=True)
-            known = new
-        if known.has(every) and all(map(is_there, (folder / n for n in known.names(every)))):
+        folder = place
+        about = {"video": video.name, "modified_ns": status.st_mtime_ns}
+        if stored is None:
+            known = VideoRecord(**about, bytes=status.st_size, sha256=sha256())
+        else:
+            known = structs.replace(stored, **about)
+        if known.has(every) and all(_is_frame(folder / name) for name in known.names(every)):
+            if known != stored:  # a copy of the video, with another time
+                with suppress(PhotoFileError):
+                    write_json(folder / RECORD, known, PhotoFileError, indent=0)
             return folder, known
         make_folder(folder, PhotoFileError)
         write_json(folder / RECORD, structs.replace(known, every=()), PhotoFileError)
@@ -117,8 +157,10 @@ def save_video(path: Path, pictures: Iterable[NDArray[np.uint8]], rate: float) -
         found = f"videos cannot be written as {path.suffix!r}"
         raise file.error(found, f"name it {' or '.join(CODECS)}")
     prepare_ffmpeg()
+    require_replaceable(path, PhotoFileError)
     part, writer = path.with_name(f".{path.stem}.part{path.suffix}"), None
     try:
+        part.unlink(missing_ok=True)  # it may be a link
         for picture in pictures:
             size = picture.shape[1::-1]
             if writer is None:
@@ -153,7 +195,7 @@ def _read(
     known: VideoRecord,
     progress: Callable[[float], object],
 ) -> VideoRecord:
-    index, times = -1, dict[str, float]()
+    index, times, sha256s = -1, dict[str, float](), dict[str, str]()
     with decode_video(file) as video:
         said = video.announced
         for index, (time, make_picture) in enumerate(video.frames):
@@ -164,36 +206,61 @@ def _read(
                 found = f"more than {MAX_FRAMES:,} frames"
                 raise file.error(found, f"take fewer of them, every={least} or more")
             name = f"{index:06d}.jpg"
-            times[name] = time
-            if not (folder / name).exists():
-                if (picture := make_picture()) is None:
-                    del times[name]
-                else:
-                    _save_frame(folder / name, picture)
+            if _is_frame(folder / name):
+                sha256s[name] = known.sha256s.get(name) or sha256_of(folder / name)
+            elif (picture := make_picture()) is not None:
+                sha256s[name] = _save_frame(folder / name, picture)
+            if name in sha256s:
+                times[name] = time
             progress(index / max(said, 1.0))
     if not times:
         raise file.error("no frame in it can be read", "is it whole? Copy it again")
     if np.any(np.diff(list(times.values())) <= 0.0) and video.rate > 0.0:  # it has no time stamps
-        times = {name: int(Path(name).stem) / video.rate for name in times}
+        times = {name: _number_of(name) / video.rate for name in times}
     first, notes = next(iter(times.values())), video.notes
     if index + 1 < MIN_READ * said:
         notes.append(f"{file.path.name} breaks off after {index + 1:,} of {said:,.0f} frames.")
+    if repeated := sum(a == b for a, b in pairwise(sha256s.values())):
+        found = f"{repeated:,} of {len(sha256s):,} frames of {file.path.name} repeat the one before"
+        notes.append(f"{found}; in a video that is interlaced in part, they are not read.")
     times = known.times_s | {name: round(time - first, 6) for name, time in times.items()}
-    return structs.replace(known, every=(*known.every, every), times_s=times, notes=tuple(notes))
+    read = {"times_s": times, "sha256s": known.sha256s | sha256s, "notes": tuple(notes)}
+    return structs.replace(known, every=(*known.every, every), **read)
 
 
-def _save_frame(path: Path, bgr: NDArray) -> None:
-    """Write a JPEG, whole or not: a reading that was broken off goes on after it."""
-    data = np.asarray(cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1])
-    part = path.with_suffix(".part")
+def _save_frame(path: Path, bgr: NDArray) -> str:
+    """Write a JPEG, whole or not: a reading that was broken off goes on after it. Return its
+    fingerprint.
+    """
+    picture = np.asarray(cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1])
+    part, data = path.with_suffix(".part"), picture.tobytes()
     with writing_to(path.parent, path.name, PhotoFileError):
-        part.write_bytes(data.tobytes())
+        part.unlink(missing_ok=True)
+        with part.open("xb") as opened:  # through no link
+            opened.write(data)
         part.replace(path)
+    return hashlib.sha256(data).hexdigest()
 
 
-def _folder_of(video: Path) -> Path:
-    beside = video.with_name(f"{video.stem}.frames")
-    if os.access(beside if beside.is_dir() else video.parent, os.W_OK):
-        return beside
-    digest = hashlib.sha256(os.fsencode(video.resolve())).hexdigest()[:16]
-    return state_folder() / "frames" / f"{video.stem}-{digest}"
+def _number_of(name: str) -> int:
+    return int(name.removesuffix(".jpg"))
+
+
+def _is_frame(path: Path) -> bool:
+    return path.is_file() and not path.is_symlink()
+
+
+def _is_free(folder: Path) -> bool:
+    """Tell whether frames can be kept in a folder: it has no images, or is not there."""
+    if not folder.is_dir():
+        return not os.path.lexists(folder)
+    return not (any(folder.glob("*.jpg")) or os.path.lexists(folder / RECORD))
+
+
+def _places_of(video: Path) -> Iterator[Path]:
+    """Yield the folders in which a video's frames may be; none is a link to elsewhere."""
+    parent = video.parent if os.access(video.parent, os.W_OK) else state_folder() / "frames"
+    for more in chain([""], map(".{}".format, count(2))):
+        folder = parent / f"{video.name}{more}.frames"
+        if not folder.is_symlink():
+            yield folder

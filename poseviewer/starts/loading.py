@@ -174,7 +174,8 @@ def open_sequence(
     is_given = isinstance(start, str | Path | Pose)
     scene = open_photo_scene(sequence.paths[0], model, start, settings, calibration, mask)
     view = scene.views[0]
-    files = (view.file, *(frame_file(path, view) for path in sequence.paths[1:]))
+    others = zip(sequence.paths[1:], sequence.sha256s[1:], strict=True)
+    files = (view.file, *(frame_file(path, view, sha256) for path, sha256 in others))
     times = zip(files, sequence.times_s, strict=True)
     scene = with_frames(scene, [Frame(file=file, time_s=time) for file, time in times])
     scene = replace(scene, name=sequence.name, notes=(*scene.notes, *sequence.notes))

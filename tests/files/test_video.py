@@ -16,8 +16,10 @@ from poseviewer.files.file_set import files_below, sort_set
 from poseviewer.files.image_sequence import ImageSequence, load_sequence
 from poseviewer.files.photo import load_photo
 from poseviewer.files.state.uploads import keep_zip
-from poseviewer.files.video import extract_frames
+from poseviewer.files.video import extract_frames, load_record, save_video
+from poseviewer.files.writing import sha256_of
 from tests.videos import (
+    RATE,
     bar_of,
     pictures,
     set_durations,
@@ -39,8 +41,9 @@ def test_every_nth_frame_is_kept_with_its_time(tmp_path: Path) -> None:
     assert bars(frames) == [0, 3, 6, 9, 12, 15, 18]
     assert frames.times_s == pytest.approx(np.arange(7) * 0.12)
     assert frames.name == "clip.mp4"
-    assert {path.parent for path in frames.paths} == {tmp_path / "clip.frames"}
+    assert {path.parent for path in frames.paths} == {tmp_path / "clip.mp4.frames"}
     assert not frames.notes
+    assert frames.sha256s == tuple(sha256_of(path) for path in frames.paths)
     assert shares == sorted(shares)
     assert shares[-1] == 0.9
 
@@ -64,7 +67,6 @@ def test_a_video_of_a_phone_is_upright(tmp_path: Path) -> None:
 def test_a_video_is_read_once_and_anew_where_it_has_changed(tmp_path: Path) -> None:
     clip = write_video(tmp_path / "clip.mp4", 12)
     first = load_sequence(clip, 2)
-    times = [path.stat().st_mtime_ns for path in first.paths]
     status = clip.stat()
     clip.write_bytes(bytes(status.st_size))  # a second reading would refuse it
     os.utime(clip, ns=(status.st_atime_ns, status.st_mtime_ns))
@@ -73,11 +75,107 @@ def test_a_video_is_read_once_and_anew_where_it_has_changed(tmp_path: Path) -> N
     with pytest.raises(PhotoFileError, match="not a video"):
         load_sequence(clip, 3)
     write_video(clip, 6)
-    assert bars(load_sequence(clip, 2)) == [0, 2, 4]
-    assert not first.paths[-1].exists()
-    assert first.paths[0].stat().st_mtime_ns > times[0]
-    as_folder = load_sequence(tmp_path / "clip.frames")
+    changed = load_sequence(clip, 2)
+    assert bars(changed) == [0, 2, 4]
+    assert {path.parent.name for path in changed.paths} == {"clip.mp4.2.frames"}
+    assert bars(first) == [0, 2, 4, 6, 8, 10]  # poses may be of them
+    as_folder = load_sequence(tmp_path / "clip.mp4.2.frames")
     assert as_folder.times_s == pytest.approx([0.0, 0.08, 0.16])
+    assert as_folder.sha256s == changed.sha256s
+
+
+def test_a_copy_of_a_video_has_its_frames_whatever_its_time(tmp_path: Path) -> None:
+    clip = write_video(tmp_path / "clip.mp4", 4)
+    first = load_sequence(clip)
+    for time in (0, 1):
+        os.utime(clip, (time, time))
+        written = first.paths[0].stat().st_mtime_ns
+        assert load_sequence(clip) == first
+        assert first.paths[0].stat().st_mtime_ns == written
+        record = load_record(first.paths[0].parent)
+        assert record is not None
+        assert record.modified_ns == 1e9 * time  # the next time it is not read through
+
+
+def test_videos_of_one_name_do_not_share_frames(tmp_path: Path) -> None:
+    first = load_sequence(write_video(tmp_path / "clip.mp4", 6))
+    other = write_pictures(tmp_path / "clip.mov", pictures(6)[::-1])
+    second = load_sequence(other)
+    assert bars(second) == [5, 4, 3, 2, 1, 0]
+    assert bars(first) == list(range(6))
+    assert load_sequence(tmp_path / "clip.mp4") == first
+
+
+def test_frames_of_an_earlier_version_stay_and_the_video_is_read_again(tmp_path: Path) -> None:
+    clip = write_video(tmp_path / "clip.mp4", 3)
+    status, old = clip.stat(), tmp_path / "clip.frames"
+    old.mkdir()
+    (old / "000000.jpg").write_bytes(b"of its twin, maybe")
+    known = {"bytes": status.st_size, "modified_ns": status.st_mtime_ns}
+    record = {"video": "clip.mp4", **known, "every": [1], "times_s": {"000000.jpg": 0.0}}
+    (old / "frames.json").write_text(json.dumps(record))
+    assert bars(load_sequence(clip)) == [0, 1, 2]
+    with pytest.raises(PhotoFileError, match=r"clip\.frames, which holds other files; name an"):
+        load_sequence(clip, folder=old)
+    assert (old / "000000.jpg").read_bytes() == b"of its twin, maybe"
+
+
+@pytest.mark.parametrize("fits", [True, False])
+def test_a_record_of_someone_else_leads_nowhere(tmp_path: Path, fits: bool) -> None:
+    """Nothing is removed, written or shown by a name in it, in a folder or in a zip."""
+    private = tmp_path / "private.jpg"
+    private.write_bytes(b"mine")
+    clip = write_video(tmp_path / "set" / "clip.mp4", 3)
+    names = [str(private), "../../private.jpg", "../clip.mp4", "000000.jpg/../../../private.jpg"]
+    status = clip.stat()
+    known = {"bytes": status.st_size, "modified_ns": status.st_mtime_ns * fits}
+    known |= {"sha256": sha256_of(clip)} if fits else {}
+    record = {"video": "clip.mp4", **known, "every": [1], "times_s": dict.fromkeys(names, 0.0)}
+    for folder in ("clip.frames", "clip.mp4.frames"):
+        (clip.parent / folder).mkdir()
+        (clip.parent / folder / "frames.json").write_text(json.dumps(record))
+    packed = tmp_path / "set.zip"
+    with zipfile.ZipFile(packed, "w") as archive:
+        for path in files_below(clip.parent):
+            archive.write(path, path.relative_to(clip.parent))
+    place = keep_zip(tmp_path / "uploads", packed)
+    for one in (clip, place / "set" / "clip.mp4"):
+        frames = load_sequence(sort_set(files_below(one.parent)).frames)
+        assert bars(frames) == [0, 1, 2]
+        assert {path.parent.name for path in frames.paths} == {"clip.mp4.2.frames"}
+        assert one.exists()
+    assert private.read_bytes() == b"mine"
+
+
+def test_frames_are_written_through_no_link(tmp_path: Path) -> None:
+    clip, private = write_video(tmp_path / "clip.mp4", 3), tmp_path / "private"
+    private.mkdir()
+    (tmp_path / "clip.mp4.frames").symlink_to(private)
+    folder = tmp_path / "clip.mp4.2.frames"
+    record = {"video": "", "bytes": clip.stat().st_size, "modified_ns": 0}
+    folder.mkdir()
+    (folder / "frames.json").write_text(json.dumps({**record, "sha256": sha256_of(clip)}))
+    for name in ("a", "b"):
+        (tmp_path / name).write_bytes(b"mine")
+    (folder / "000000.jpg").symlink_to(tmp_path / "a")
+    (folder / "000001.part").symlink_to(tmp_path / "b")
+    frames = load_sequence(clip)
+    assert {path.parent for path in frames.paths} == {folder}
+    assert bars(frames) == [0, 1, 2]
+    assert not any(path.is_symlink() for path in folder.iterdir())
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes() == b"mine"
+    assert not list(private.iterdir())
+
+
+def test_a_video_is_written_through_no_link(tmp_path: Path) -> None:
+    (tmp_path / "mine").write_bytes(b"mine")
+    (tmp_path / ".clip.part.mp4").symlink_to(tmp_path / "mine")
+    save_video(tmp_path / "clip.mp4", pictures(3), RATE)
+    (tmp_path / "link.mp4").symlink_to(tmp_path / "mine")
+    with pytest.raises(PhotoFileError, match=r"link\.mp4: is a link and was not written through"):
+        save_video(tmp_path / "link.mp4", pictures(3), RATE)
+    assert (tmp_path / "mine").read_bytes() == b"mine"
+    assert bars(load_sequence(tmp_path / "clip.mp4")) == [0, 1, 2]
 
 
 def test_a_reading_that_was_broken_off_goes_on(tmp_path: Path) -> None:
@@ -89,7 +187,7 @@ def test_a_reading_that_was_broken_off_goes_on(tmp_path: Path) -> None:
 
     with pytest.raises(KeyboardInterrupt):
         load_sequence(clip, progress=stop)
-    before = sorted((tmp_path / "clip.frames").glob("*.jpg"))
+    before = sorted((tmp_path / "clip.mp4.frames").glob("*.jpg"))
     assert len(before) == 8
     times = [path.stat().st_mtime_ns for path in before]
     frames = load_sequence(clip)
@@ -121,7 +219,7 @@ def test_what_is_no_video_is_said(tmp_path: Path, data, words) -> None:
         (tmp_path / "clip.mp4").write_bytes(data)
     with pytest.raises(PhotoFileError, match=words):
         load_sequence(tmp_path / "clip.mp4")
-    assert not (tmp_path / "clip.frames").exists()
+    assert not (tmp_path / "clip.mp4.frames").exists()
 
 
 def test_a_video_without_a_frame_is_said(tmp_path: Path) -> None:
@@ -139,7 +237,7 @@ def test_too_many_frames_are_said_before_they_fill_the_disk(tmp_path, monkeypatc
     clip = write_video(tmp_path / "clip.mp4", 12)
     with pytest.raises(PhotoFileError, match="more than 5 frames; take fewer of them, every=3"):
         load_sequence(clip, 2)
-    assert not list((tmp_path / "clip.frames").glob("*.jpg"))
+    assert not list((tmp_path / "clip.mp4.frames").glob("*.jpg"))
     assert len(load_sequence(clip, 3).paths) == 4
 
 
@@ -156,7 +254,7 @@ def test_frames_are_kept_elsewhere_where_the_user_says_or_the_disk_wants_it(tmp_
     monkeypatch.setenv("POSEVIEWER_STATE", str(tmp_path / "state"))
     monkeypatch.setattr(os, "access", lambda *_: False)
     kept = load_sequence(clip).paths[0].parent
-    assert kept.parent == tmp_path / "state" / "frames"
+    assert kept == tmp_path / "state" / "frames" / "clip.mp4.frames"
     assert json.loads((kept / "frames.json").read_text())["video"] == "clip.mp4"
 
 
@@ -179,6 +277,12 @@ def test_interlaced_frames_become_one_moment_each(tmp_path, monkeypatch, which):
     for path in frames.paths:
         bright = load_photo(path).pixels[8:-8, :, 0] > 120
         assert np.ptp(bright.sum(axis=1)) <= 1  # without the comb of two moments
+
+
+def test_of_frames_that_are_interlaced_later_it_is_said_that_they_repeat(tmp_path: Path) -> None:
+    frames = load_sequence(write_interlaced(tmp_path / "clip.mp4", 8, [3]))
+    found = "1 of 8 frames of clip.mp4 repeat the one before; in a video that is interlaced in part"
+    assert [note.startswith(found) for note in frames.notes] == [True]
 
 
 def test_a_video_that_begins_still_is_read_by_opencv(tmp_path, monkeypatch):
