@@ -5,6 +5,7 @@ The same command continues a sequence that was stopped.
 from __future__ import annotations
 
 from argparse import Namespace
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -47,7 +48,10 @@ def run(options: Namespace) -> int:
     from poseviewer.render.pool import processors
 
     tell_of_compiling()
-    batch = open_chains(_open(options), options.out)
+    sequence = _open(options)
+    for note in () if options.quiet else sequence.notes:
+        tell(f"note: {note}")
+    batch = open_chains(sequence, options.out)
     to_do = batch.to_do()
     if (done := len(batch.jobs) - len(to_do)) and not options.quiet:
         tell(f"{done} of {len(batch.jobs)} chains were done before.")
@@ -71,6 +75,7 @@ def run(options: Namespace) -> int:
 def _open(options: Namespace) -> Scene:
     """Open the sequence, with its keys."""
     from poseviewer.files.image_sequence import images_in
+    from poseviewer.files.scene_assets import check_frames
     from poseviewer.scene.sequence import remove_key, show_frame, store_key
     from poseviewer.starts.loading import open_scene_files, open_sequence
 
@@ -80,7 +85,8 @@ def _open(options: Namespace) -> Scene:
         table.refuse(
             options, of_frames, f"without MODEL; leave it out, or name {path.name}'s model"
         )
-        return open_scene_files(path)
+        scene = open_scene_files(path)
+        return replace(scene, notes=(*scene.notes, *check_frames(scene)))
     if options.pose is None:
         raise SettingsError("a key is wanted: give --pose, the pose in the first frame")
     sequence = load_named_sequence(options, images_in(path) if path.is_dir() else [path])

@@ -1,10 +1,11 @@
 """Photos and models of a scene: read now, or when first asked for."""
 
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 
-from poseviewer.errors import PoseFileError, printable
+from poseviewer.errors import PoseFileError, list_names, printable
 from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo, undistort_photo
@@ -19,7 +20,9 @@ from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.world_pose import WORLD
 from poseviewer.scene.assets import ModelContent, ModelFile, PhotoFile
-from poseviewer.scene.types import View
+from poseviewer.scene.types import Scene, View
+
+MAX_NAMED = 5
 
 
 def view_of_file(
@@ -50,6 +53,25 @@ def frame_file(path: Path, view: View, sha256: str | None = None) -> PhotoFile:
     size, undone = (view.camera.width, view.camera.height), view.file.undistortion
     read = partial(_read, path, size, undone)
     return PhotoFile(path, printable(path.name), *size, sha256, undone, read=read)
+
+
+def check_frames(scene: Scene) -> tuple[str, ...]:
+    """Compare the files of frames that have poses with their fingerprints; return a sentence on
+    those that differ, or none.
+    """
+    frames = [frame for frame in scene.frames if frame.poses and frame.file.sha256]
+    changed = [frame.file.name for frame in frames if not _is_unchanged(frame.file)]
+    if not changed:
+        return ()
+    found = f"{len(changed):,} of {len(frames):,} frames are other pictures than their poses were"
+    return (f"{found} made with (the fingerprints differ): {list_names(changed, MAX_NAMED)}.",)
+
+
+def _is_unchanged(file: PhotoFile) -> bool:
+    """Tell whether a file has its fingerprint; one that is gone will be said where it is read."""
+    with suppress(OSError):
+        return sha256_of(file.location) == str(file.sha256).lower()
+    return True
 
 
 def _read(path: Path, size: tuple[int, int], undone: Undistortion | None) -> Photo:

@@ -13,7 +13,8 @@ import pytest
 from poseviewer.api import load
 from poseviewer.errors import SettingsError
 from poseviewer.files.pose import PoseRecord, save_pose
-from poseviewer.files.scene_json import load_scene
+from poseviewer.files.scene_json import load_scene, save_scene
+from poseviewer.files.writing import sha256_of
 from tests.commands import read_rows, refusal, run
 from tests.ctrl_c import ctrl_c_ends_them
 from tests.moving import ball, off, sequence, write_sequence
@@ -98,6 +99,19 @@ def test_sequence_without_keys_is_refused(tmp_path, capsys):
     assert "no pose is a key" in refusal(capsys, "track", path, "--out", tmp_path / "out")
     with pytest.raises(SettingsError, match="no pose is a key"):
         load(path).track()
+
+
+def test_frames_that_are_no_longer_those_of_their_poses_are_said(tmp_path, capsys):
+    path = write_sequence(tmp_path, sequence({0: [ball(0)]}, count=1))
+    scene = load_scene(path)
+    photo = scene.frames[0].file.location
+    known = replace(scene.frames[0].file, sha256=sha256_of(photo))
+    save_scene(path, replace(scene, frames=(replace(scene.frames[0], file=known),)))
+    assert run("track", path, "--out", tmp_path / "out") == 0
+    assert "fingerprints" not in capsys.readouterr().err
+    photo.write_bytes(photo.read_bytes() + b"another picture")
+    assert run("track", path, "--out", tmp_path / "out") == 0
+    assert "note: 1 of 1 frames are other pictures than" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -5,7 +5,6 @@ A frame in which an object has no pose is left out for that object; a note says 
 
 import csv
 import json
-import shutil
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from io import StringIO
@@ -16,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from poseviewer.errors import PoseFileError
+from poseviewer.errors import PhotoFileError, PoseFileError
+from poseviewer.files.checks import MAX_DATA_BYTES, InputFile
 from poseviewer.files.formats import conversion as c
 from poseviewer.files.formats.bop import (
     PHOTO_FOLDERS,
@@ -28,15 +28,18 @@ from poseviewer.files.formats.bop import (
 from poseviewer.files.formats.gltf_export import Track, write_gltf_scene
 from poseviewer.files.formats.known_formats import write_own
 from poseviewer.files.photo import orientation_of, save_photo
+from poseviewer.files.scene_assets import check_frames
 from poseviewer.files.state.uploads import safe_path
 from poseviewer.files.video import save_video
-from poseviewer.files.writing import make_folder, write_whole, writing_to
+from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.lens import UPRIGHT
 from poseviewer.scene.sequence import show_frame
 from poseviewer.scene.types import Scene, SearchResult, View
 
 SEQUENCE_FORMATS = {"poseviewer": "", "bop": "", "csv": ".csv", "gltf": ".glb", "video": ".mp4"}
 """Formats of sequences, and the endings of their files; "": a folder."""
+WITH_PHOTOS = ("bop", "video")
+"""Formats that hold the frames' pictures beside the poses."""
 POSE = ("qx", "qy", "qz", "qw", "tx", "ty", "tz")
 """Columns of a pose in tables."""
 ASSUMED_RATE = 30.0
@@ -79,6 +82,8 @@ def export_sequence(
     if is_there and not options.overwrite:
         wanted = "name another, or add --overwrite"
         raise PoseFileError(f"{out}: is there already and was not touched; {wanted}.")
+    if kind in WITH_PHOTOS:
+        notes += check_frames(scene)
     if not SEQUENCE_FORMATS[kind]:
         make_folder(out)
     if kind == "poseviewer":
@@ -189,8 +194,8 @@ def _write_photo(view: View, path: Path) -> Path:
         save_photo(path.with_suffix(".png"), view.file.read())  # which keeps nothing
         return path.with_suffix(".png")
     copied = path.with_suffix(taken.suffix.lower())
-    with writing_to(path.parent, copied.name, PoseFileError):
-        shutil.copyfile(taken, copied)
+    photo = InputFile(taken, [], PhotoFileError, "photo", MAX_DATA_BYTES)
+    write_whole(copied, photo.load_bytes(), PoseFileError)
     return copied
 
 

@@ -21,6 +21,7 @@ from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_assets import frame_file
 from poseviewer.files.scene_json import as_saved, load_scene, save_scene
+from poseviewer.files.writing import sha256_of
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
 from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.geometry.transform import RigidTransform
@@ -173,6 +174,45 @@ def test_a_bop_scene_is_whole(scene, tmp_path, capsys):
     assert "is there already and was not touched" in refusal(
         capsys, f"convert {path} {out} --from scene --to bop"
     )
+
+
+def test_frames_that_are_no_longer_those_of_their_poses_are_said(scene, tmp_path, capsys):
+    known = [replace(own.file, sha256=sha256_of(own.file.location)) for own in scene.frames]
+    frames = (replace(f, file=file) for f, file in zip(scene.frames, known, strict=True))
+    scene = replace(scene, frames=tuple(frames))
+    path = saved(show_frame(scene, 0), tmp_path)
+    line = "convert", str(path), str(tmp_path / "o.avi"), "--to", "video", "--overwrite"
+    assert run(*line) == 0
+    assert "fingerprints" not in capsys.readouterr().out
+    for index in (2, 3, 4):  # the fourth has no pose
+        photo = scene.frames[index].file.location
+        data = photo.read_bytes()
+        photo.unlink()  # they are one file
+        photo.write_bytes(data + b"another picture")
+    assert run(*line) == 0
+    said = "note: 2 of 4 frames are other pictures than their poses were made with"
+    named = "(the fingerprints differ): f2.png, f4.png."
+    assert f"{said} {named}" in capsys.readouterr().out
+    quiet = SequencePictures(no_picture, lambda *_: {})
+    options = ConvertOptions(unit="mm", object_id=1)
+    scene = replace(load_scene(path), objects=load_scene(path).objects[:1])
+    frames = (replace(f, poses={"ball": f.poses.get("ball")}) for f in scene.frames[:3])
+    scene = replace(scene, frames=tuple(frames))
+    _, notes = export_sequence("bop", scene, tmp_path / "bop", options, quiet)
+    assert ["1 of 3 frames are other pictures" in note for note in notes] == [True]
+
+
+def test_photos_of_a_bop_scene_are_written_through_no_link(scene, tmp_path):
+    (tmp_path / "mine").write_text("mine")
+    (tmp_path / "bop" / "rgb").mkdir(parents=True)
+    (tmp_path / "bop" / "rgb" / "000000.png").symlink_to(tmp_path / "mine")
+    objects = (scene.objects[0],)
+    frames = tuple(replace(f, poses={"ball": f.poses.get("ball")}) for f in scene.frames[:1])
+    scene = show_frame(replace(scene, objects=objects, frames=frames), 0)
+    options = ConvertOptions(unit="mm", object_id=1, overwrite=True)
+    with pytest.raises(PoseFileError, match="is a link and was not written through"):
+        export_sequence("bop", scene, tmp_path / "bop", options, NOTHING)
+    assert (tmp_path / "mine").read_text() == "mine"
 
 
 def test_photos_of_a_bop_scene_are_undistorted(scene, tmp_path):
