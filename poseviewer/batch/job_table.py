@@ -9,7 +9,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from msgspec import Meta
 
 from poseviewer.errors import BatchError
 from poseviewer.files.checks import InputFile
@@ -21,6 +23,9 @@ BOX = "box"
 """Optional column: a rectangle about the object, for the start ``auto``."""
 KEY_LENGTH = 16
 """Hexadecimal digits of a job's key: enough for millions of rows, short enough for file names."""
+
+JobKey = Annotated[str, Meta(pattern=r"^[0-9a-z-]*\Z")]
+"""A part of file names, which never leads out of a folder of results that someone else made."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +40,7 @@ class Job:
     start: str
     folder: str
     """Folder of the table, absolute; relative paths start from it."""
-    key: str = ""
+    key: JobKey = ""
     """Hash of the files' names, sizes and times and of the settings; it names the result."""
     box: str = ""
     """Rectangle for the start ``auto``, as in the table: left, top, width, height in px."""

@@ -311,6 +311,10 @@ def load_batch(folder: Path) -> Batch:
             f"{folder / MANIFEST}: cannot be used ({type(error).__name__}: {error}); run the batch "
             "again, what is done is not done twice."
         ) from None
+    for name in (ROWS, POSES, PICTURES):
+        if (folder / name).is_symlink():
+            found = f"{folder / name}: is a link, through which nothing is written"
+            raise BatchError(f"{found}; put the folder itself there.")
     settings = settings_from_json(manifest.settings)
     known = {"is_audit": manifest.audit, "sequence": manifest.sequence}
     return Batch(folder, manifest.jobs, settings, manifest.scene, **known)

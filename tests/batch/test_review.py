@@ -103,6 +103,28 @@ def test_accept_mend_and_note_are_kept_and_read_again(out):
     assert review.decide(queue, 2, ACCEPTED).rows[2].result.review == "mended"
 
 
+def test_results_of_someone_else_are_written_inside_their_folder_alone(out, tmp_path):
+    data = json.loads((out / "batch.json").read_text())
+    first = next((out / "rows").iterdir())
+    (tmp_path / "mine.json").write_bytes(first.read_bytes())
+    for key in ("../../mine", str(tmp_path / "mine")):
+        for job in data["jobs"]:
+            job["key"] = key
+        (out / "batch.json").write_text(json.dumps(data))
+        with pytest.raises(PoseViewerError, match=r"batch\.json: cannot be used"):
+            review.annotate(review.load_queue(out), 0, "a note")
+    data["jobs"][0]["key"] = "link"
+    (out / "batch.json").write_text(json.dumps(data | {"jobs": data["jobs"][:1]}))
+    (out / "rows" / "link.json").symlink_to(tmp_path / "mine.json")
+    with pytest.raises(PoseViewerError, match="is a link and was not written through"):
+        review.annotate(review.load_queue(out), 0, "a note")
+    assert (tmp_path / "mine.json").read_bytes() == first.read_bytes()
+    (out / "poses").rename(tmp_path / "private")
+    (out / "poses").symlink_to(tmp_path / "private")
+    with pytest.raises(PoseViewerError, match=r"poses: is a link, through which nothing is"):
+        review.load_queue(out)
+
+
 def test_a_batch_run_again_keeps_what_was_reviewed(out, fitted):
     queue, bop = review.load_queue(out), fitted[0]
     batch = open_batch(bop, out, QUICK, models=bop.parent / "models")

@@ -1,10 +1,12 @@
 """Rectangles by a network's features, where a trained network is there, and their parts."""
 
+import re
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
 import numpy as np
+import platformdirs
 import pytest
 
 from poseviewer.cli.main import main
@@ -61,7 +63,8 @@ def test_an_untextured_model_is_found_in_the_full_image(shared_data: Path, tmp_p
     assert cosines[0] > 0.6 > 0.5 > cosines[1]
 
 
-def test_features_of_views_are_kept_until_the_model_changes(scene: Scene, tmp_path: Path):
+def test_features_of_views_are_kept_until_the_model_changes(scene, tmp_path, monkeypatch):
+    monkeypatch.setattr(platformdirs, "user_cache_path", lambda *_, **__: tmp_path / "cache")
     save_random_backbone(tmp_path / "model.safetensors")
     encoder = PatchEncoder.load(tmp_path / "model.safetensors")
     inputs = StartInputs(load_photo(scene.photo), load_model(scene.model).mesh, None)
@@ -74,6 +77,9 @@ def test_features_of_views_are_kept_until_the_model_changes(scene: Scene, tmp_pa
     assert boxes[1] == boxes[0]
     assert counts[0] - counts[1] == 42  # pictures of views
     assert counts[2] == counts[0]
+    names = [path.relative_to(tmp_path).as_posix() for path in (tmp_path / "cache").rglob("*.*")]
+    assert len(names) == 2
+    assert all(re.fullmatch(r"cache/views/[0-9a-f]{32}\.npy", name) for name in names)
 
 
 def test_a_drawn_model_is_nearest_to_its_own_picture(tmp_path: Path):

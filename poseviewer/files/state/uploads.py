@@ -13,6 +13,7 @@ from contextlib import nullcontext
 from dataclasses import replace
 from io import BytesIO
 from itertools import accumulate, count
+from os.path import lexists
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal
 
@@ -112,17 +113,19 @@ def copy_out(path: Path, scene: Scene, private: Path) -> Scene:
         if own is None or private.resolve() not in own.resolve().parents:
             return own
         named = model_files(own, ()).named.values() if own.suffix.lower() in READERS else ()
-        files = [own, *(old for old in named if own.parent in old.parents)]
+        inside, files = own.parent.resolve(), {Path(own.name): own}
+        below = (old.resolve() for old in named if inside in old.resolve().parents)
+        files |= {old.relative_to(inside): old for old in below}
         stem = path.name.removesuffix(".json").removesuffix(".scene")
         beside = path.with_name(f"{stem}.frames") if own in frames else path.parent
         for number in count(1):
             place = beside if number == 1 else path.with_name(f"{path.stem}.{number}")
-            pairs = [(old, place / old.relative_to(own.parent)) for old in files]
-            if all(not new.exists() or sha256_of(new) == sha256_of(old) for old, new in pairs):
+            pairs = [(old, place / name) for name, old in files.items()]
+            if all(not lexists(new) or sha256_of(new) == sha256_of(old) for old, new in pairs):
                 break
         for old, new in pairs:
             new.parent.mkdir(parents=True, exist_ok=True)
-            if not new.exists():
+            if not lexists(new):
                 shutil.copyfile(old, new)
         return pairs[0][1]
 

@@ -161,6 +161,24 @@ def test_frames_that_change_are_added_alone(tmp_path: Path) -> None:
     assert not any(tmp_path.iterdir())
 
 
+def test_a_session_is_removed_with_no_file_that_it_names(tmp_path: Path) -> None:
+    kept, names = sequence(2), [tmp_path / "f0.jpg", tmp_path / "f1.jpg", tmp_path / "a.ply"]
+    for path in names:
+        path.write_bytes(b"mine")
+    view = kept.scene.views[0]
+    frames = [
+        replace(f, file=frame_file(p, view))
+        for f, p in zip(kept.scene.frames, names[:2], strict=True)
+    ]
+    item = replace(kept.scene.objects[0], model=model_file(names[2]))
+    scene = replace(kept.scene, objects=(item,), frames=tuple(frames))
+    path = saved(tmp_path / "sessions", replace(kept, scene=scene))
+    os.utime(path, (0.0, 0.0))
+    assert autosave.find_abandoned(path.parent) is None
+    assert list(path.parent.iterdir()) == []
+    assert [name.read_bytes() for name in names] == [b"mine"] * 3
+
+
 def test_a_log_of_frames_is_written_anew_and_may_be_broken_off(tmp_path: Path) -> None:
     file, kept = SessionFile(tmp_path), sequence(3)
     log = file.path.with_suffix(".frames")

@@ -15,11 +15,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from poseviewer.errors import FileSetError
-from poseviewer.files.file_set import MAX_FILES
+from poseviewer.files.file_set import MAX_FILES, files_below
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.scene_assets import view_of_file
+from poseviewer.files.scene_assets import model_file, view_of_file
 from poseviewer.files.state import uploads as u
-from poseviewer.files.state.uploads import display_name, keep_set, keep_zip, pack, safe_path
+from poseviewer.files.state.uploads import (
+    copy_out,
+    display_name,
+    keep_set,
+    keep_zip,
+    pack,
+    safe_path,
+)
 from tests.files.state.test_autosave import saved, session
 
 TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
@@ -182,6 +189,29 @@ def test_of_old_and_broken_uploads_those_that_a_session_names_stay(tmp_path, mon
     assert there == [True, False, True, False, True]
     keep(uploads, {"a.json": b"newer"})
     assert new.exists()
+
+
+def test_a_model_of_an_upload_is_copied_with_nothing_outside_or_through_a_link(tmp_path):
+    private, out = tmp_path / "state", tmp_path / "here" / "out"
+    out.mkdir(parents=True)
+    (private / "token.mtl").parent.mkdir()
+    (private / "token.mtl").write_text("newmtl red\n")
+    names = "../../token.mtl", "maps/b.mtl"
+    files = {"a.obj": "".join(f"mtllib {name}\n" for name in names).encode() + TRIANGLE}
+    place = keep(private / "uploads", files | {"maps/b.mtl": b"newmtl b\n"})
+    whole = session()
+    item = replace(whole.scene.objects[0], model=model_file(place / "a.obj"))
+    scene = replace(whole.scene, objects=(item,))
+    (out / "a.obj").symlink_to(tmp_path / "mine")  # where nothing is yet
+    with pytest.raises(FileSetError, match=r"cannot be written to"):
+        copy_out(out / "s.scene.json", scene, private / "uploads")
+    assert not (tmp_path / "mine").exists()
+    (out / "a.obj").unlink()
+    copied = copy_out(out / "s.scene.json", scene, private / "uploads")
+    assert copied.objects[0].model.path == out / "a.obj"
+    found = [path.relative_to(tmp_path).as_posix() for path in files_below(tmp_path / "here")]
+    assert found == ["here/out/a.obj", "here/out/maps/b.mtl"]
+    assert not (tmp_path / "token.mtl").exists()
 
 
 def test_a_folder_that_cannot_be_made_gives_a_sentence(tmp_path: Path) -> None:
