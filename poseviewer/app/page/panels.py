@@ -29,6 +29,7 @@ from poseviewer.app.state import hiding as h
 from poseviewer.app.state.camera_edits import (
     MAX_FIELD_DEG,
     MIN_FIELD_DEG,
+    intrinsics_of,
     set_camera,
     set_field_of_view,
     set_projection,
@@ -51,7 +52,6 @@ from poseviewer.fit.progress import SearchProgress
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel
 from poseviewer.geometry.charts import short_name, tooltip
-from poseviewer.geometry.frames import camera_as_integer_centres
 from poseviewer.geometry.lens import COEFFICIENTS
 from poseviewer.scene.settings import LOSSES, SEARCHES
 from poseviewer.starts.placing import SIDES
@@ -253,29 +253,18 @@ def _add_camera(controls: Controls) -> None:
         visible=lambda s: not _is_parallel(s),
     )
 
-    def set_intrinsic(index: int, value: float) -> Request:
-        fx, fy, cx, cy = np.where(np.arange(4) == index, value, _intrinsics(controls.session))
-        return set_camera(float(fx), float(fy), float(cx), float(cy))
-
     for index, name in enumerate(("fx", "fy", "cx", "cy")):
         controls.field(
             gui.add_number(f"{name} (px)", 1.0, step=0.01),
-            partial(set_intrinsic, index),
-            value=lambda s, i=index: _intrinsics(s)[i],
+            lambda value, name=name: set_camera(**{name: value}),
+            value=lambda s, i=index: intrinsics_of(s.document.pose.camera)[i],
             visible=lambda s, i=index: i > 1 or not _is_parallel(s),
         )
 
 
-def _intrinsics(session: Session) -> tuple[float, ...]:
-    """fx, fy, cx and cy in px, as OpenCV has them; the scale in place of focal lengths."""
-    camera = camera_as_integer_centres(session.document.pose.camera)
-    focal = (camera.scale,) * 2 if isinstance(camera, Parallel) else (camera.fx, camera.fy)
-    return (*focal, camera.cx, camera.cy)
-
-
 def _field_of_view(session: Session) -> float:
     """Degrees along the photo's longer side."""
-    photo, focal = session.document.photo, _intrinsics(session)
+    photo, focal = session.document.photo, intrinsics_of(session.document.pose.camera)
     side, px = max((photo.width, focal[0]), (photo.height, focal[1]), key=lambda pair: pair[0])
     return math.degrees(2.0 * math.atan(side / 2.0 / px))
 

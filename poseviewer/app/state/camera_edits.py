@@ -38,8 +38,14 @@ def set_projection(session: Session, projection: Literal["perspective", "paralle
 
 
 @edit
-def set_camera(session: Session, fx: float, fy: float, cx: float, cy: float) -> Session:
-    """Set the intrinsics, px, by OpenCV's convention (pixel centres at integers).
+def set_camera(
+    session: Session,
+    fx: float | None = None,
+    fy: float | None = None,
+    cx: float | None = None,
+    cy: float | None = None,
+) -> Session:
+    """Set intrinsics, px, by OpenCV's convention (pixel centres at integers); None: as it is.
 
     Args:
         session: before the edit.
@@ -49,6 +55,9 @@ def set_camera(session: Session, fx: float, fy: float, cx: float, cy: float) -> 
         cy: likewise.
     """
     now = session.document.pose.camera
+    given = (fx, fy, cx, cy)
+    pairs = zip(given, intrinsics_of(now), strict=True)
+    fx, fy, cx, cy = (old if value is None else value for value, old in pairs)
     longer = max(now.width, now.height)
     max_offset, max_focal = MAX_CENTRE_OFFSET * longer, MAX_FOCAL * longer
     if not math.hypot(cx - now.width / 2.0, cy - now.height / 2.0) <= max_offset:
@@ -70,9 +79,16 @@ def set_camera(session: Session, fx: float, fy: float, cx: float, cy: float) -> 
 @edit
 def set_field_of_view(session: Session, degrees: float) -> Session:
     """Set equal focal lengths by the field of view of the photo's longer side, in degrees."""
-    now = camera_as_integer_centres(session.document.pose.camera)
+    now = session.document.pose.camera
     camera = Perspective.from_field_of_view(degrees, now.width, now.height)
-    return set_camera(camera.fx, camera.fy, now.cx, now.cy)(session)
+    return set_camera(camera.fx, camera.fy)(session)
+
+
+def intrinsics_of(camera: Camera) -> tuple[float, ...]:
+    """fx, fy, cx and cy in px, as OpenCV has them; the scale in place of focal lengths."""
+    camera = camera_as_integer_centres(camera)
+    focal = (camera.scale,) * 2 if isinstance(camera, Parallel) else (camera.fx, camera.fy)
+    return (*focal, camera.cx, camera.cy)
 
 
 def _change_camera(session: Session, camera: Camera) -> Session:
@@ -81,4 +97,8 @@ def _change_camera(session: Session, camera: Camera) -> Session:
         raise SettingsError(
             "the cameras of several photos are known: open this photo alone to change its camera"
         )
-    return session.with_pose(with_camera(document.pose, camera, document.mesh.centre))
+    changed = document.at_pose(with_camera(document.pose, camera, document.mesh.centre))
+    if document.object.is_placed:
+        return session.with_document(changed)
+    session = session.with_document(changed.with_object(is_placed=False))
+    return session.with_first_proposals if session.is_looking else session

@@ -93,18 +93,18 @@ def with_number(pose: Pose, name: str, value: float) -> Pose:
 
 @edit
 def set_number(session: Session, name: str, value: float) -> Session:
-    """Set one of ``pose_numbers``; all typing in one field is one undo step."""
+    """Set one of ``pose_numbers``."""
     pose = session.document.pose
     if not math.isfinite(value) or name not in pose_numbers(pose):
         raise SettingsError(f"{name} = {value} is no number of the pose")
     if pose_numbers(pose)[name] == value:
         return session
-    return session.with_document(session.document.at_pose(with_number(pose, name, value)), name)
+    return session.with_pose(with_number(pose, name, value))
 
 
 @edit
 def set_parameter(session: Session, name: str, value: float) -> Session:
-    """Set a parameter of the chart by its name; all typing in one field is one undo step."""
+    """Set a parameter of the chart by its name."""
     chart, parameters = session.document.chart, np.array(session.document.parameters)
     if name not in chart.names or not math.isfinite(value):
         raise SettingsError(f"{name} = {value} is no parameter of the chart")
@@ -113,7 +113,7 @@ def set_parameter(session: Session, name: str, value: float) -> Session:
         return session
     parameters[index] = value
     pose, scale = chart.to_pose(parameters), scale_at(chart, parameters)
-    return session.with_document(session.document.at_pose(pose, scale=scale), name)
+    return session.with_document(session.document.at_pose(pose, scale=scale))
 
 
 @edit

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from poseviewer.app.state.document import with_camera
 from poseviewer.app.state.dragging import pins_in_photo, radius_in_photo
 from poseviewer.app.state.history import MAX_OPENED, History
+from poseviewer.app.state.objects import alter_object
 from poseviewer.app.state.session import Session
 from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.free_body_chart import FreeBodyChart
@@ -182,17 +184,52 @@ def test_setting_a_number_of_the_pose_changes_that_number_alone(camera):
     refused(session, c.set_number("no such number", 1.0))
 
 
-def test_what_is_typed_digit_by_digit_is_one_step():
+def test_each_number_that_is_applied_is_a_step():
     session = make_session()
-    name, other = session.document.chart.names[:2]
-    typed = after(session, *(c.set_parameter(name, value) for value in (0.1, 0.12, 0.125)))
-    assert typed.document.parameters[0] == pytest.approx(0.125)
-    assert after(typed, c.undo()).document is session.document
-    both = after(typed, c.set_parameter(other, 0.2), c.set_parameter(name, 0.3))
-    assert after(both, c.undo(), c.undo()).document is typed.document
-    again = after(typed, c.nudge("move", 5.0), c.undo(), c.set_parameter(name, 0.2))
+    for set_number in (partial(c.set_parameter, "log_depth"), partial(c.set_number, "X")):
+        typed = after(session, set_number(0.1))
+        again = after(typed, set_number(0.125))
+        assert after(again, c.undo()).document is typed.document
+        assert after(again, c.undo(), c.undo()).document is session.document
+
+
+def test_a_note_is_one_step_however_often_its_typing_pauses():
+    session = make_session()
+    alter = partial(alter_object, session.document.object_id)
+    noted = after(session, *(alter(note=text) for text in ("left", "left front", "left door")))
+    assert after(noted, c.undo()).document is session.document
+    both = after(noted, alter(name="van"), alter(note="left"))
+    assert after(both, c.undo(), c.undo()).document is noted.document
+    again = after(noted, c.nudge("move", 5.0), c.undo(), alter(note="right"))
     assert not again.history.future
-    assert after(again, c.undo()).document is typed.document
+    assert after(again, c.undo()).document is noted.document
+
+
+@CAMERAS
+@pytest.mark.parametrize(
+    "edit",
+    [c.set_camera(fx=400.0), c.set_camera(cy=55.0), c.set_field_of_view(30.0)],
+    ids=["fx", "cy", "field of view"],
+)
+def test_another_camera_places_nothing(camera, edit):
+    document = make_document(camera).with_object(is_placed=False)
+    changed = after(Session(document), edit)
+    assert changed.document.pose.camera != camera or isinstance(camera, Parallel)
+    assert not changed.document.object.is_placed
+    other = "parallel" if isinstance(camera, Perspective) else "perspective"
+    assert not after(changed, c.set_projection(other)).document.object.is_placed
+    # What is looked for is looked for by the new camera; what was stopped stays so.
+    looking = after(Session(document).with_first_proposals, edit)
+    assert looking.proposals is not None
+    assert looking.proposals.document.pose.camera == looking.document.pose.camera
+    stopped = after(Session(document).with_first_proposals, c.stop_proposing(), edit)
+    assert not stopped.is_proposing
+
+
+def test_an_intrinsic_leaves_the_others():
+    session = after(make_session(), c.set_camera(fx=311.0), c.set_camera(cy=61.0))
+    camera = session.document.pose.camera
+    assert camera == replace(PERSPECTIVE, fx=311.0, cy=61.5)
 
 
 SENSELESS_CAMERAS = {
