@@ -109,7 +109,8 @@ class App:
             self._work()
             document, review = self.session.document, self._review
             row = "" if review is None else review.where(document)
-            self._page.show(self.session, row or self._autosaver.where(self.session))
+            where = row or self._autosaver.where(self.session)
+            self._page.show(self.session, self._mailbox.taken, where)
             self._failed = False
         except Exception:  # noqa: BLE001 - the loop must not end
             if not self._failed:

@@ -8,7 +8,8 @@ import math
 import operator
 import re
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from html import escape
 from operator import attrgetter
 from typing import Any
@@ -19,6 +20,7 @@ import viser
 from numpy.typing import NDArray
 
 from poseviewer.app.below_viser.incoming import take_upload
+from poseviewer.app.below_viser.inputs import call_in_loop, confirm_value
 from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.edits import ShowHelp
 from poseviewer.app.state.keys_and_buttons import ACTIONS
@@ -29,7 +31,8 @@ from poseviewer.files.file_set import Kind
 from poseviewer.files.state.uploads import ACCEPTED
 from poseviewer.geometry.lens import LensModel
 
-Post = Callable[[Request], None]
+Post = Callable[[Request], int]
+"""Posts a request; gives its number, which counts up."""
 Read = Callable[[Session], Any]
 
 MARKUP = re.compile(r"[\\`*{}\[\]<>#|~!]|(?<![^\W_])_|_(?![^\W_])")
@@ -110,18 +113,26 @@ class Controls:
         self.lens_model: Callable[[], LensModel | None] = lambda: None
         """Gives OpenCV's model of the lens in a file of cameras that does not say it."""
         self._reads: list[tuple[Any, str, Read]] = []
-        self._shown: Session | None = None
+        self._inputs: list[_Input] = []
+        self._shown: tuple[Session | None, int] = None, 0
         self._period, self._next = period, 0.0
 
-    def show(self, session: Session) -> None:
-        """Bring all controls to the session, at once or (unless a search ends) in a while."""
+    def show(self, session: Session, seen: int) -> None:
+        """Bring all controls to the session, at once or (unless a search ends) in a while. An input
+        whose newest value the session has not ``seen`` keeps it: the number of the last request
+        that the session includes.
+        """
         now, is_urgent = time.monotonic(), session.is_searching is not self.session.is_searching
         self.session = session
-        if session is self._shown or (now < self._next and not is_urgent):
+        newest = max((own.number for own in self._inputs), default=0)
+        is_shown = session is self._shown[0] and newest <= self._shown[1]
+        if is_shown or (now < self._next and not is_urgent):
             return
-        self._shown, self._next = session, now + self._period
+        self._shown, self._next = (session, seen), now + self._period
         for handle, name, read in self._reads:
             set_properties(handle, **{name: read(session)})
+        values = [(own, own.read(session)) for own in self._inputs]
+        call_in_loop(self.gui, _write, values, seen)
 
     def add(self, handle: Any, **options: Any) -> Any:
         """Bring properties of a handle to the session, now and later, in their order."""
@@ -149,12 +160,20 @@ class Controls:
                 value = max(handle.min, min(handle.max, value))
             return make(value)
 
+        def take(number: int) -> None:
+            own.number = number
+            confirm_value(handle)
+
+        own = _Input(handle, options.pop("value", lambda _: handle.value))
         if isinstance(handle.value, float):
             handle.precision = MAX_DECIMALS
-            read = options["value"]
-            options["value"] = lambda session: _number_shown(handle.value, read(session))
-        self._on(handle.on_update, request)
-        return self.add(handle, **options)
+            read = own.read
+            own.read = lambda session: _number_shown(handle.value, read(session))
+        self._inputs.append(own)
+        self._on(handle.on_update, request, take)
+        self.add(handle, **options)
+        set_properties(handle, value=own.read(self.session))
+        return handle
 
     def bind(self, handle: Any, part: str, name: str, **options: Any) -> None:
         """An input of a field of a part of the session."""
@@ -253,14 +272,37 @@ class Controls:
 
         self._on(handle.on_upload, request)
 
-    def _on(self, subscribe: Callable[..., Any], make: Callable[[int], Request | None]) -> None:
-        """Post the request of a page, by its client's id; what we write ourselves makes none."""
+    def _on(
+        self,
+        subscribe: Callable[..., Any],
+        make: Callable[[int], Request | None],
+        posted: Callable[[int], None] = lambda _: None,
+    ) -> None:
+        """Post the request of a page, by its client's id, and hand on its number; what we write
+        ourselves makes none.
+        """
 
         @subscribe
         async def _(event: viser.GuiEvent) -> None:
             request = None if event.client is None else make(event.client.client_id)
             if request is not None:
-                self._post(request)
+                posted(self._post(request))
+
+
+@dataclass(slots=True, eq=False)
+class _Input:
+    handle: Any
+    read: Read
+    """Reads its value from the session."""
+    number: int = 0
+    """Number of the request by its newest value from a page."""
+
+
+def _write(values: Sequence[tuple[_Input, Any]], seen: int) -> None:
+    """Write values of inputs, but of those whose newest value is that of a later request."""
+    for own, value in values:
+        if own.number <= seen:
+            set_properties(own.handle, value=value)
 
 
 def _number_shown(now: float, value: float) -> float:

@@ -97,8 +97,14 @@ class Page:
         self._offer: viser.GuiFolderHandle | None = None
         check_incoming(server, lambda client, why: self.show_error(why, client))
 
-    def show(self, session: Session, where: str) -> None:
-        """Bring the page to the session; cheap where nothing has changed."""
+    def show(self, session: Session, seen: int, where: str) -> None:
+        """Bring the page to the session; cheap where nothing has changed.
+
+        Args:
+            session: what is shown.
+            seen: number of the last request that the session includes.
+            where: path at which the pose was or will be saved.
+        """
         if session is not self._shown:
             self._shown = session
             photo = session.document.photo
@@ -113,8 +119,8 @@ class Page:
         # Together: who answers to one field must not find the next one still to be written.
         with self._server.atomic():
             self._controls.where = where
-            self._controls.show(session)
-        self._maps.show(session)
+            self._controls.show(session, seen)
+        self._maps.show(session, seen)
         # The photo has its place until there is something to tell; a drag's photo rests.
         # A tool's next press must not land beside its place: panels rest while one is active.
         marks, rests = session.tool in MARKING, session.drag is not None or session.tool != "pose"

@@ -27,14 +27,20 @@ A = TypeVar("A")
 
 
 class Mailbox(Generic[T]):
-    """Queue of requests to the main loop, safe also in signal handlers."""
+    """Queue of requests to the main loop; ``notify`` is safe also in signal handlers."""
 
     def __init__(self) -> None:
         self._items: SimpleQueue[T | None] = SimpleQueue()
+        self._posting, self._posted = threading.Lock(), 0
+        self.taken = 0
+        """Number of the last item that was taken."""
 
-    def post(self, item: T) -> None:
-        """Add an item, from any thread, without waiting."""
-        self._items.put(item)
+    def post(self, item: T) -> int:
+        """Add an item, from any thread, without waiting; gives its number."""
+        with self._posting:
+            self._items.put(item)
+            self._posted += 1
+            return self._posted
 
     def notify(self) -> None:
         """Wake the reader without an item."""
@@ -47,7 +53,9 @@ class Mailbox(Generic[T]):
             items.append(self._items.get(timeout=timeout))
             while True:
                 items.append(self._items.get_nowait())
-        return [item for item in items if item is not None]
+        taken = [item for item in items if item is not None]
+        self.taken += len(taken)
+        return taken
 
 
 class Worker(Generic[A, T]):

@@ -29,7 +29,7 @@ def test_each_button_is_in_the_step_that_the_table_says():
     try:
         for step, add_controls in STEPS.items():
             steps.append(step)
-            add_controls(Recording(guarded.server.gui, lambda _: None, make_session()))
+            add_controls(Recording(guarded.server.gui, lambda _: 0, make_session()))
     finally:
         guarded.stop()
     wanted = {(own.step, name) for name, own in ACTIONS.items() if own.name and own.step in STEPS}

@@ -44,10 +44,10 @@ def test_every_number_of_a_pose_has_its_unit_and_every_parameter_a_lock():
     guarded = serve("127.0.0.1", 0)
     try:
         gui = guarded.server.gui
-        controls = Controls(gui, lambda _: None, session)
+        controls = Controls(gui, lambda _: 0, session)
         for add_controls in STEPS.values():
             add_controls(controls)
-        controls.show(session)
+        controls.show(session, 0)
         inputs = [one for one in gui._gui_input_handle_from_uuid.values() if one.visible]
         fields = [one.label for one in inputs if isinstance(one, viser.GuiNumberHandle)]
         locks = [one.label for one in inputs if isinstance(one, viser.GuiCheckboxHandle)]

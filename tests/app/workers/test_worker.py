@@ -10,7 +10,7 @@ import pytest
 
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.pointer_edits import set_tool
-from poseviewer.app.workers.worker import Worker
+from poseviewer.app.workers.worker import Mailbox, Worker
 from tests.app.state.documents import after, make_session
 
 LONG = 30.0
@@ -74,6 +74,15 @@ class Bell:
 @pytest.fixture
 def bell() -> Bell:
     return Bell()
+
+
+def test_a_mailbox_numbers_what_was_taken():
+    mailbox = Mailbox[str]()
+    numbers = [mailbox.post(item) for item in "ab"]
+    mailbox.notify()
+    assert (numbers, mailbox.taken) == ([1, 2], 0)
+    assert (mailbox.take(0.0), mailbox.taken) == (["a", "b"], 2)
+    assert (mailbox.post("c"), mailbox.take(0.0), mailbox.taken) == (3, ["c"], 3)
 
 
 Tested = Worker[Steps, object]
