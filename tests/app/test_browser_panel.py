@@ -1,11 +1,11 @@
-"""Fields, plot and first words of the page in real Chromium."""
+"""Panels, plot and first words of the page in real Chromium."""
 
 import json
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Locator
+from playwright.sync_api import Browser
 
 from tests.app.browser import READY, AppPage
 from tests.app.running_app import RunningApp, running_app
@@ -15,26 +15,6 @@ pytestmark = pytest.mark.slow
 WINDOW = (1280, 1200)
 """High enough for every field of a step."""
 FIRST_WORDS = "getComputedStyle(document.body, '::before').content"
-FIELDS = ".mantine-NumberInput-input:visible"
-LABEL = """node => {
-    while (!node.querySelector("label")) node = node.parentElement;
-    return node.querySelector("label").textContent;
-}"""
-SEVEN_DIGITS = {
-    "Z": "7.123456",
-    "turn": "12.34567",
-    "Field of view (°)": "41.23456",
-    "fx (px)": "312.3456",
-    "fy (px)": "312.3457",
-    "cx (px)": "82.12345",
-    "cy (px)": "61.23456",
-    "Max evaluations": "1000000",
-    "Time limit (s)": "1234.567",
-    "Seed": "1234567",
-    "Range ± %": "12.34567",
-}
-"""Text typed into a field by the begin of its label; else ``USUAL``."""
-USUAL = "0.1234567"
 LAST_LABEL = """() => {
     const [{ chart }] = Object.values(window.__viserTestpoints.uplots);
     const [axis] = chart.axes;
@@ -90,44 +70,6 @@ def test_first_the_page_says_what_it_is_and_then_what_to_do(
     page.close()
 
 
-def test_no_number_field_cuts_what_is_typed(page: AppPage, running: RunningApp) -> None:
-    page.page.keyboard.press("2")  # solid: its opacity is a number
-    typed = set[str]()
-    for step, folders in ((2, ("Numbers", "Camera")), (3, ("Settings",)), (4, ())):
-        page.open_step(step)
-        for folder in folders:
-            page.page.get_by_text(folder, exact=True).click()
-        page.page.evaluate("new Promise(done => setTimeout(done, 300))")  # folders slide open
-        for index in range(page.page.locator(FIELDS).count()):
-            field = page.page.locator(FIELDS).nth(index)
-            if field.evaluate(LABEL) not in typed:  # the maps' own are there at each step
-                typed.add(type_seven_digits(page, running, field))
-    assert {"X (unit)", "scale"} & typed == {"X (unit)"}
-    assert set(SEVEN_DIGITS) - {"Z", "turn"} <= typed
-    assert "Opacity" in typed
-
-
-def type_seven_digits(page: AppPage, running: RunningApp, field: Locator) -> str:
-    """Type into a field; gives its label."""
-    label = field.evaluate(LABEL)
-    text = next((text for name, text in SEVEN_DIGITS.items() if label.startswith(name)), USUAL)
-    app = running.app
-    handle = app._page._server.gui._gui_input_handle_from_uuid[running.uuid(label)]
-
-    def is_told() -> bool:  # what was typed before has come back to the page
-        shown = app._page._controls._shown, app._page._maps._shown
-        is_shown = app.session is shown[0] is shown[1] and not app._mailbox._items.qsize()
-        return is_shown and float(field.input_value()) == handle.value
-
-    page.until(is_told)
-    before = app.session
-    field.fill(text)
-    field.press("Enter")
-    page.until(lambda: app.session is not before and is_told())
-    assert (float(field.input_value()), handle.value) == (float(text), float(text)), label
-    return label
-
-
 def test_a_calibration_file_is_chosen_in_the_cameras_panel(page: AppPage, tmp_path: Path) -> None:
     path = tmp_path / "camera.json"
     matrix = [[300.0, 0.0, 82.125], [0.0, 300.0, 57.5], [0.0, 0.0, 1.0]]
@@ -148,7 +90,7 @@ def test_a_calibration_file_is_chosen_in_the_cameras_panel(page: AppPage, tmp_pa
 def test_the_scroll_bar_covers_nothing(page: AppPage) -> None:
     page.page.set_viewport_size({"width": WINDOW[0], "height": 600})
     page.open_step(3)
-    page.page.get_by_text("Settings", exact=True).wait_for()
+    page.page.get_by_text("Settings", exact=True).click()
     page.page.mouse.move(150.0, 400.0)  # there the bar is shown
     page.page.wait_for_function(f"({BAR})() !== null")
     assert page.page.evaluate(f"({BAR})()") >= page.page.evaluate(RIGHT_END)

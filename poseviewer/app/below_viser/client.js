@@ -9,10 +9,13 @@
 // viser's camera stays at the origin and looks along +z at the photo's plane. Zoom and pan are view
 // offsets of three.js, which crop the picture and keep the registration. Events over the photo are
 // consumed before viser's camera controls see them.
-// After a lost connection viser sends the script again: the page reloads, and reports a cut upload.
+// After a lost connection viser sends the script again: the page reloads, reports a cut upload, and
+// sends what was typed meanwhile.
+const AGAIN = "poseviewer "; // begin of the window's name, which a reload keeps
 if (window.poseviewer) {
   const sending = document.querySelector(".mantine-Notification-root[id^='upload-']");
-  if (sending) window.name = `cut off ${window.poseviewer.sent()}`;
+  const { sent, unsent } = window.poseviewer;
+  window.name = AGAIN + JSON.stringify({ cutOff: sending ? sent() : "", unsent });
   location.reload();
   return;
 }
@@ -34,15 +37,109 @@ const state = {
 };
 const LAYOUT_FRAMES = 15; // in which viser lays out the panels
 const vm = () => window.__viserMutable;
+const update = (uuid, value) => ({ type: "GuiUpdateMessage", uuid, updates: { value } });
 
 function send(message) {
   message.sequence = ++state.sequence;
-  vm().sendMessage({
-    type: "GuiUpdateMessage",
-    uuid: CONFIG.channel,
-    updates: { value: JSON.stringify(message) },
-  });
+  vm().sendMessage(update(CONFIG.channel, JSON.stringify(message)));
 }
+
+// --- fields -------------------------------------------------------------------------------------
+// What is typed stays in its field until it is applied, as one edit: a number when its field is left
+// or its arrows are let go, a text also when typing pauses. Till then viser's own message of each
+// key is dropped, and the server's values for the field wait.
+const NUMBER = ".mantine-NumberInput-input";
+const TYPED = `${NUMBER}, .mantine-TextInput-input`;
+const PAUSE_MS = 500;
+const LATE_MS = 100; // twice the time by which viser may send a key later
+const field = {
+  node: null, // that has the focus; a slider's root, too
+  uuid: "",
+  applied: "", // its text at first, or as it was last applied
+  told: undefined, // the server's value, where it came later
+  isTyped: false, // since then
+  timer: 0, // that applies a text
+  isLost: false, // it went while it had the focus: its keys still come, and are nobody's
+};
+const typed = new Set(); // uuids of fields that are, or just were, typed into
+const unsent = {}; // values by uuid that were applied without a connection
+
+const [queue, sendNow] = [vm().messageQueue, vm().sendMessage];
+queue.splice = (...range) => Array.prototype.splice.apply(queue, range).map(withoutTold);
+function withoutTold(message) {
+  const { type, uuid, updates } = message;
+  if (type !== "GuiUpdateMessage" || uuid !== field.uuid || !("value" in updates)) return message;
+  const { value, ...others } = updates;
+  field.told = value;
+  return { type, uuid, updates: others };
+}
+const sendMessage = (message) => {
+  if (message.type !== "GuiUpdateMessage" || !typed.has(message.uuid)) sendNow(message);
+};
+vm().sendMessage = sendMessage; // viser puts another one there when the connection is lost
+
+function uuidOf(node) {
+  const own = node.querySelector("label");
+  return own || !node.parentElement ? own?.htmlFor : uuidOf(node.parentElement);
+}
+
+function applyField() {
+  const { node, uuid, applied, told, isTyped } = field;
+  clearTimeout(field.timer);
+  if (!node || (node.value === applied && (told === undefined || !isTyped))) return;
+  const value = node.matches(NUMBER) ? Number(node.value || NaN) : node.value;
+  if (Number.isNaN(value)) return;
+  Object.assign(field, { applied: node.value, told: undefined, isTyped: false });
+  if (vm().sendMessage === sendMessage) sendNow(update(uuid, value));
+  else unsent[uuid] = value;
+}
+
+// Apply a field as it is left, or take back what was typed, as what is no number.
+function leaveField(isTakenBack) {
+  if (!isTakenBack) applyField();
+  const { node, uuid, applied } = field;
+  const isWrong = node.value !== applied;
+  const value = field.told ?? (isWrong ? Number(applied) : undefined);
+  Object.assign(field, { node: null, uuid: "" });
+  setTimeout(() => { if (field.uuid !== uuid) typed.delete(uuid); }, LATE_MS);
+  if (isWrong) show(uuid, ""); // else what viser has might not change
+  if (value !== undefined) queueMicrotask(() => show(uuid, value));
+}
+
+function show(uuid, value) {
+  queue.push(update(uuid, value));
+  vm().drainMessageQueue?.();
+}
+
+addEventListener("focusin", (event) => {
+  field.isLost = false;
+  const node = event.target.closest?.(`${TYPED}, .mantine-Slider-root`);
+  if (!node || node === field.node) return;
+  const uuid = uuidOf(node);
+  Object.assign(field, { node, uuid, applied: node.value, told: undefined, isTyped: false });
+  typed[node.matches(TYPED) ? "add" : "delete"](uuid);
+});
+addEventListener("focusout", () => {
+  const { node } = field;
+  if (!node || node === document.activeElement) return; // then it is the window that is left
+  leaveField();
+  queueMicrotask(() => { field.isLost = !node.getClientRects().length; });
+});
+addEventListener("pointerdown", (event) => {
+  field.isLost = false;
+  if (event.target !== field.node) applyField(); // before what the press does
+}, true);
+addEventListener("input", (event) => {
+  if (event.target !== field.node) return;
+  field.isTyped = true;
+  if (field.node.matches(NUMBER)) return;
+  clearTimeout(field.timer);
+  field.timer = setTimeout(applyField, PAUSE_MS);
+});
+addEventListener("keyup", (event) => {
+  const isStep = event.target.matches?.(NUMBER) && ["ArrowUp", "ArrowDown"].includes(event.key);
+  if (isStep) applyField();
+});
 
 // --- the view -----------------------------------------------------------------------------------
 // CSS px per photo px: with the whole photo in the canvas, and with the zoom.
@@ -290,12 +387,22 @@ function pathOf(stroke) {
 }
 
 // --- keys ---------------------------------------------------------------------------------------
-function isTyping(event) {
-  const element = event.target;
-  // viser's dropdowns are text fields, which take keys only while their list is open.
-  if (element.ariaHasPopup === "listbox") return element.ariaExpanded === "true";
-  return element.matches?.("textarea, select, [contenteditable=true], input:not([type=checkbox], " +
-    "[type=radio], [type=range], [type=button])");
+// Texts, and viser's dropdowns.
+const isTyping = ({ target }) => target.matches?.("textarea, select, [contenteditable=true], " +
+  "input:not([type=checkbox], [type=radio], [type=range], [type=button])");
+
+// The keys of what has the focus, beside those of a field that has just gone.
+const MOVES = ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "Home", "End", "PageUp", "PageDown"];
+function isTaken(event) {
+  const { target, key } = event;
+  if (field.node && target === document.body) { // it is hidden, of which browsers do not tell
+    leaveField();
+    field.isLost = true;
+  }
+  const takers = [" ", "Enter"].includes(key) ? "button, a, input, [role=tab], [data-report]" :
+    MOVES.includes(key) ? "[role=slider], [role=tab]" : "";
+  return isTyping(event) || (field.isLost && target === document.body) ||
+    (takers && target.matches?.(takers));
 }
 
 // An open dialog gets the keys; Esc and ? press its button Close.
@@ -314,7 +421,8 @@ addEventListener("keydown", (event) => {
   noteModifiers(event);
   // Else the browser's menu gets the keys.
   if (event.key === "Alt" && pen.shape) event.preventDefault();
-  if (isTyping(event) || dialogTakes(event)) return;
+  const saves = ctrl(event) && event.code === "KeyS";
+  if ((isTaken(event) && !saves) || dialogTakes(event)) return;
   if (pen.now && ["Enter", "Escape"].includes(event.key)) {
     consume(event);
     if (event.key === "Enter") finishStroke();
@@ -324,26 +432,31 @@ addEventListener("keydown", (event) => {
   const action = CONFIG.keys[event.key] ?? CONFIG.keys[event.code];
   if (!action || (ctrl(event) && action.leave)) return;
   consume(event);
-  document.activeElement?.blur();
+  if (isTyping(event)) applyField();
+  else document.activeElement?.blur();
   if (action.call) { window.poseviewer[action.call](); return; }
   openStepOf(action);
   if (event.key === "Escape" && state.pointer === "drag") state.pointer = null;
   const { code, key, repeat } = event;
   send({ kind: "key", code, key, repeat, shift: event.shiftKey, ctrl: ctrl(event) });
 }, true);
-// Enter and Esc leave a field, after viser has seen the key.
+// Enter and Esc leave a field, after viser has seen the key; Esc takes a number back. Enter may open
+// a dropdown.
 addEventListener("keydown", (event) => {
-  const done = event.key === "Enter" || event.key === "Escape";
-  if (done && isTyping(event) && event.target.tagName === "INPUT") event.target.blur();
+  const [node, isEscape] = [event.target, event.key === "Escape"];
+  const isDone = isEscape || (event.key === "Enter" && node.ariaExpanded !== "false");
+  if (!isDone || !isTyping(event) || event.isComposing || node.tagName !== "INPUT") return;
+  if (isEscape && node.matches(NUMBER)) leaveField(true);
+  node.blur();
 });
 addEventListener("keyup", noteModifiers, true);
 addEventListener("blur", noteModifiers);
-// A pressed button must not keep the keys, nor may the field that it steps.
+// The mouse leaves the keys to the photo but where it is typed; so do the buttons that step a field
+// and the options of a dropdown.
 addEventListener("pointerup", (event) => setTimeout(() => {
-  const element = document.activeElement;
-  const stepped = element?.tagName === "INPUT" && element !== event.target;
-  const pressed = event.target.closest?.("button");
-  if (element?.tagName === "BUTTON" || (stepped && pressed)) element.blur();
+  const target = document.activeElement;
+  const isPressed = event.target.closest?.("button, [role=option]");
+  if (target && (isPressed || !isTyping({ target }))) target.blur();
 }, 0));
 
 function noteModifiers(event) {
@@ -468,12 +581,13 @@ function openStep(step) {
 }
 
 const CLICK = 4; // CSS px that a press may move before it turns what it is on
-// Presses, also by Enter, on elements with a report: sent with the point, in shares of the
+// Presses, also by Enter or space, on elements with a report: sent with the point, in shares of the
 // element's sides from its lower left corner. What is dragged with data-turns turns instead, and
 // with data-slides each move is sent.
 function report(event) {
   const node = event.target.closest?.("[data-report]");
-  if (!node || (event.type === "keydown" && event.key !== "Enter")) return;
+  if (!node || (event.type === "keydown" && ![" ", "Enter"].includes(event.key))) return;
+  if (event.type === "keydown") event.preventDefault();
   const box = node.getBoundingClientRect();
   const u = (event.clientX - box.left) / box.width;
   const slides = "slides" in node.dataset;
@@ -612,6 +726,7 @@ window.poseviewer = {
   setHandles(svg) { handles.innerHTML = svg; },
   setPen, forgetStrokes, setPictures, setStrip, photoFromCanvas, zoomAt, showAll,
   sent: () => state.sent,
+  unsent,
 };
 document.title = "poseviewer";
 const style = document.createElement("style");
@@ -619,8 +734,10 @@ style.textContent = CONFIG.style;
 document.head.append(style, pictures);
 document.querySelector("link[rel~='icon']").href = CONFIG.icon;
 sendTheme();
-if (window.name.startsWith("cut off ")) {
-  send({ kind: "not sent", trouble: "cut off", name: window.name.slice(8) });
+if (window.name.startsWith(AGAIN)) {
+  const before = JSON.parse(window.name.slice(AGAIN.length));
+  if (before.cutOff) send({ kind: "not sent", trouble: "cut off", name: before.cutOff });
+  for (const [uuid, value] of Object.entries(before.unsent)) sendNow(update(uuid, value));
   window.name = "";
 }
 watch();

@@ -1,11 +1,13 @@
 """The page's script ``client.js``, and its reports.
 
 Why: viser has no zoom and pan that keep the registration, no drags beyond 20 Hz, no dropping of
-files, and nothing that opens a tab; its hotkeys also act in dialogs, sliders and checkboxes.
+files, and nothing that opens a tab; its hotkeys also act in dialogs, sliders and checkboxes; its
+fields send each key that is typed, and take what the server sends meanwhile.
 Written for viser 1.1.1: the message ``RunJavascriptMessage``, put into
 ``client.gui._websock_interface``; a field's ``_impl.uuid``; and in the page
-``window.__viserMutable`` (its camera, canvas, ``sendMessage``), tabs that Enter opens, and
-the notice of an upload (``upload-...``).
+``window.__viserMutable`` (its camera, canvas, ``sendMessage``, ``messageQueue``), tabs that Enter
+opens, fields by their classes (``mantine-...``) and labels, and the notice of an upload
+(``upload-...``).
 """
 
 import base64

@@ -20,6 +20,8 @@ USED = {
         "self.event_loop.call_soon_threadsafe(self.message_event.set)",
     ),
     viser.ViserServer: ("self.gui._drop_uploads_from_client(",),
+    viser.GuiApi: ("self._event_loop = event_loop",),
+    viser.GuiApi._handle_gui_updates: ("await cb(GuiEvent(client, client_id, handle))",),
     viser.GuiApi._handle_file_transfer_start: tuple(
         f'"{key}"' for key in ("client_id", "filename", "transferred_bytes", "total_bytes")
     ),
@@ -41,6 +43,8 @@ def test_the_client_gives_what_the_script_takes():
     source = (CLIENT / "ViewerContext.ts").read_text(encoding="utf-8")
     for name in (
         "__viserMutable",
+        "messageQueue",
+        "drainMessageQueue",
         "sendMessage",
         "canvas",
         "camera",
@@ -48,6 +52,13 @@ def test_the_client_gives_what_the_script_takes():
         "requestRender",
     ):
         assert re.search(rf"\b{name}\b", source), name
+    used = {
+        "MessageHandler.tsx": "messageQueue.splice(0, numMessages)",
+        "ControlPanel/Generated.tsx": "useThrottledMessageSender(50)",
+        "WebsocketInterface.tsx": "viewerMutable.sendMessage = (message) =>",
+    }
+    for name, code in used.items():
+        assert code in (CLIENT / name).read_text(encoding="utf-8"), name
 
 
 def test_nothing_else_reaches_below_viser():
