@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from poseviewer.app.below_viser.guard import serve
 from poseviewer.errors import SettingsError
-from poseviewer.files.state.folder import load_token, state_folder
+from poseviewer.files.state.folder import state_folder
 
 if TYPE_CHECKING:  # the server stands before the rest is imported
     from poseviewer.app.reviewing import Reviewer
@@ -59,7 +59,7 @@ def serve_app(
     signals = list[int]()  # received while files are read
     for name in (signal.SIGINT, signal.SIGTERM):
         signal.signal(name, lambda number, _: signals.append(number))
-    guarded = serve(host, port, "poseviewer", load_token(state))
+    guarded = serve(host, port, "poseviewer")
     tell(f"poseviewer is at {guarded.url}\nCtrl-C ends it.")
     if browser:
         webbrowser.open(guarded.url_to_hand_on())

@@ -7,6 +7,7 @@ docstring is its description. ``run`` imports what is slow to import.
 import io
 import logging
 import os
+import re
 import sys
 from argparse import ArgumentParser, HelpFormatter, Namespace
 from collections.abc import Sequence
@@ -87,8 +88,17 @@ def _make_ready() -> None:
             stream.reconfigure(errors="backslashreplace")
     logging.captureWarnings(True)
     if os.environ.get(LOG_VARIABLE):
-        logging.basicConfig()
+        handler = logging.StreamHandler()
+        handler.setFormatter(_WithoutTokens(logging.BASIC_FORMAT))
+        logging.basicConfig(handlers=[handler])
         logging.getLogger("poseviewer").setLevel(logging.DEBUG)
+
+
+class _WithoutTokens(logging.Formatter):
+    """Formatter that leaves out the app's token: logs are sent to others."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        return re.sub(r"token=[^\s&]*", "token=...", super().format(record))
 
 
 class _Formatter(HelpFormatter):

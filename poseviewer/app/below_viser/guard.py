@@ -4,17 +4,19 @@ Why: viser checks neither Host nor Origin, has no login, takes the next port if 
 lets any page open a public tunnel. A foreign page may send requests to this machine, and by DNS
 rebinding read the answers (Jackson et al. 2007, "Protecting browsers from DNS rebinding attacks");
 its Host or Origin gives it away. Other users and machines can reach the app as well; they lack the
-random token in the printed address and in the cookie that this address sets. viser shows its own
-panel until the page is built; ``first.html`` covers it and says what poseviewer is.
+random token of the run. It is in the printed address and in that of the page's websocket, but in no
+cookie, which browsers send to all ports of a machine. ``first.html`` puts it there, and keeps it in
+the storage of the page's origin, from which ``refused.html`` hands it to further tabs. viser shows
+its own panel until the page is built; ``first.html`` covers it and says what poseviewer is.
 Written for viser 1.1.1 and websockets 16.1. viser makes its web server deep inside its constructor,
 in its own thread, by ``websockets.asyncio.server.serve``; that call is intercepted, so that the
-check stands before the first connection. Also used of viser: ``_websock_server``, and the messages
-``ShareUrlRequest`` and ``ShareUrlDisconnect``.
+check stands before the first connection. Also used of viser: ``_websock_server``, the messages
+``ShareUrlRequest`` and ``ShareUrlDisconnect``, and of its page the message ``set_server`` to the
+worker that has the websocket.
 """
 
 import errno
 import gzip
-import hashlib
 import hmac
 import http
 import io
@@ -54,10 +56,14 @@ SECURITY_HEADERS = {
     "Content-Security-Policy": "connect-src 'self' data: blob:; frame-ancestors 'none'",
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
 }
 VISERS_TITLE = b"<title>Viser</title>"
 FIRST_HTML = Path(__file__).with_name("first.html")
-"""Replaces the title of viser's page."""
+"""Replaces the title of viser's page, with the token."""
+TOKEN_IN_HTML = b"/*TOKEN*/"
+REFUSED_HTML = Path(__file__).with_name("refused.html")
+"""Follows the sentence about a token that is missing or wrong."""
 FOREIGN_SOURCES = ("playbackPath", "websocket")
 """Parameters by which a link makes viser's page take messages, also scripts, from elsewhere."""
 
@@ -89,8 +95,8 @@ class AccessPolicy:
 
     host: str
     port: int
-    token: str
-    tickets: set[str] = field(default_factory=set)
+    token: str = field(repr=False)
+    tickets: set[str] = field(default_factory=set, repr=False)
     """Tokens that are valid until a page is connected."""
 
     def url(self, token: str) -> str:
@@ -99,11 +105,6 @@ class AccessPolicy:
         name = socket.gethostname() if self.host in ("", "0.0.0.0", "::") else self.host
         name = f"[{name}]" if ":" in name else name
         return f"http://{name}:{self.port}/?token={token}"
-
-    @property
-    def cookie_name(self) -> str:
-        """Name of the cookie, unique among ports, between which browsers share cookies."""
-        return f"poseviewer_{hashlib.sha256(self.token.encode()).hexdigest()[:8]}"
 
     def refusal(self, target: str, headers: Headers) -> str | None:
         """Sentence why a request for a path and query is refused; None: it may pass."""
@@ -126,14 +127,6 @@ class AccessPolicy:
                 f"The request comes from a page of {origins[0][:80]!r}, and only poseviewer's own "
                 f"page may talk to it; {instead}"
             )
-        # http.cookies gives up at the odd cookie of another server of this machine.
-        pairs = [c.strip().partition("=") for h in headers.get_all("Cookie") for c in h.split(";")]
-        tokens = query.get("token", [])[:1] + [v for k, _, v in pairs if k == self.cookie_name]
-        if not any(map(self._is_token, tokens)):
-            return (
-                f"The token {'is not the right one' if any(tokens) else 'is missing'}; open the "
-                "whole address that poseviewer printed, with its ?token=..., in this browser."
-            )
         for name in FOREIGN_SOURCES:
             if name in query:
                 return (
@@ -142,16 +135,17 @@ class AccessPolicy:
                 )
         return None
 
-    def cookie_to_set(self, target: str) -> dict[str, str]:
-        """Set-Cookie header for a request with the token in its address."""
-        if not any(map(self._is_token, _query(target).get("token", [])[:1])):
-            return {}
-        return {"Set-Cookie": f"{self.cookie_name}={self.token}; HttpOnly; SameSite=Strict; Path=/"}
-
-    def _is_token(self, given: str) -> bool:
+    def token_refusal(self, target: str) -> str | None:
+        """Sentence why the token in a path and query is refused; None: it is the right one."""
+        given = next(iter(_query(target).get("token", [])), "")
         # compare_digest takes no text beyond ASCII.
         data = given.encode(errors="surrogateescape")
-        return any(hmac.compare_digest(data, t.encode()) for t in (self.token, *self.tickets))
+        if any(hmac.compare_digest(data, t.encode()) for t in (self.token, *self.tickets)):
+            return None
+        return (
+            f"The token {'is not the right one' if given else 'is missing'}; open the whole "
+            "address that poseviewer printed, with its ?token=..., in this browser."
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,7 +157,7 @@ class GuardedServer:
 
     @property
     def url(self) -> str:
-        """The address to open, which stays valid."""
+        """The address to open, valid as long as the server runs."""
         return self.policy.url(self.policy.token)
 
     def url_to_hand_on(self) -> str:
@@ -181,21 +175,19 @@ def serve(
     host: str = "127.0.0.1",
     port: int | None = None,
     label: str | None = None,
-    token: str | None = None,
 ) -> GuardedServer:
-    """Start a viser server that answers only its own page, and only with the token.
+    """Start a viser server that answers only its own page, and only with the token of this run.
 
     Args:
         host: address to listen at.
         port: to listen at; None: the first free one from 8080 on; 0: the system chooses.
         label: of viser's page.
-        token: secret of the address; None: a new one.
 
     Raises:
         SettingsError: the port is taken or not allowed, or the host is no address of this machine.
     """
     listening = _listen(host, port)
-    policy = AccessPolicy(host, listening.getsockname()[1], token or secrets.token_urlsafe())
+    policy = AccessPolicy(host, listening.getsockname()[1], secrets.token_urlsafe())
     wake_in_the_loop()
     try:
         # viser prints its address, without the token, to the standard output.
@@ -243,38 +235,40 @@ def _check_requests(policy: AccessPolicy, answer: Answer) -> Answer:
     """Wrap an answer to HTTP and websocket requests so that the policy is asked first."""
 
     def process_request(connection: ServerConnection, request: Request) -> Response | None:
-        refusal = policy.refusal(request.path, request.headers)
-        if refusal is not None:
+        if refusal := policy.refusal(request.path, request.headers):
             response = connection.respond(http.HTTPStatus.FORBIDDEN, f"{refusal}\n")
+        elif refusal := policy.token_refusal(request.path):
+            text = f"{refusal}\n{REFUSED_HTML.read_text(encoding='utf-8')}"
+            response = connection.respond(http.HTTPStatus.FORBIDDEN, text)
+            del response.headers["Content-Type"]  # else there were two
+            response.headers["Content-Type"] = "text/html; charset=utf-8"
         else:
             response = answer(connection, request)
             if response is not None:
-                _begin_page(response)
+                _begin_page(response, policy.token)
             if "Upgrade" in request.headers:
                 policy.tickets.clear()
         if response is not None:
             response.headers.update(SECURITY_HEADERS)
-            if refusal is None:
-                response.headers.update(policy.cookie_to_set(request.path))
         return response
 
     return process_request
 
 
-def _begin_page(response: Response) -> None:
-    """Put ``first.html`` in place of the title of viser's page."""
+def _begin_page(response: Response, token: str) -> None:
+    """Put ``first.html``, with the token, in place of the title of viser's page."""
     if response.headers.get("Content-Type", "").startswith("text/html"):
-        response.body = _with_head(
-            bytes(response.body), response.headers["Content-Encoding"] == "gzip"
-        )
-        response.headers.pop("Content-Length")
+        is_zipped = response.headers["Content-Encoding"] == "gzip"
+        response.body = _with_head(bytes(response.body), is_zipped, token)
+        del response.headers["Content-Length"]
         response.headers["Content-Length"] = str(len(response.body))
 
 
 @lru_cache(maxsize=2)
-def _with_head(page: bytes, is_zipped: bool) -> bytes:
+def _with_head(page: bytes, is_zipped: bool, token: str) -> bytes:
     page = gzip.decompress(page) if is_zipped else page
-    page = page.replace(VISERS_TITLE, FIRST_HTML.read_bytes(), 1)
+    head = FIRST_HTML.read_bytes().replace(TOKEN_IN_HTML, token.encode(), 1)
+    page = page.replace(VISERS_TITLE, head, 1)
     return gzip.compress(page) if is_zipped else page
 
 

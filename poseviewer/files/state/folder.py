@@ -1,10 +1,7 @@
-"""The folder in which poseviewer keeps what should outlive it: uploads, sessions, its token."""
+"""The folder in which poseviewer keeps what should outlive it: uploads and sessions."""
 
 import os
-import re
-import secrets
 import sys
-from contextlib import suppress
 from pathlib import Path
 
 import platformdirs
@@ -29,15 +26,3 @@ def state_folder() -> Path:
     if sys.platform != "win32" and owner != os.getuid():
         raise SettingsError(f"{folder}: belongs to another user; {KEPT} a folder of your own.")
     return folder.absolute()
-
-
-def load_token(folder: Path) -> str:
-    """Load the token of the user's apps from a private file, or return a fresh one."""
-    fresh, path = secrets.token_urlsafe(), folder / "token"
-    with suppress(OSError, ValueError):
-        with suppress(FileExistsError):
-            path.touch(0o600, exist_ok=False)
-            path.write_text(fresh, "ascii")
-        kept = path.read_text("ascii")
-        return kept if re.fullmatch(r"[\w-]{32,}", kept) else fresh
-    return fresh

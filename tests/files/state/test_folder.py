@@ -6,7 +6,7 @@ import platformdirs
 import pytest
 
 from poseviewer.errors import SettingsError
-from poseviewer.files.state.folder import load_token, state_folder
+from poseviewer.files.state.folder import state_folder
 
 
 def test_it_is_made_and_closed_to_others_or_a_sentence_says_why_not(tmp_path, monkeypatch):
@@ -36,15 +36,3 @@ def test_another_users_folder_is_refused(tmp_path, monkeypatch):
     monkeypatch.setenv("POSEVIEWER_STATE", str(tmp_path))
     with pytest.raises(SettingsError, match="belongs to another user"):
         state_folder()
-
-
-def test_the_token_is_kept_for_its_owner_alone_and_made_anew_where_it_is_none(tmp_path):
-    token, path = load_token(tmp_path), tmp_path / "token"
-    assert load_token(tmp_path) == token
-    assert len(token) > 40
-    if sys.platform != "win32":
-        assert stat.S_IMODE(path.stat().st_mode) == 0o600
-    for data in (b"", b"short", b"\xff" * 50, f"{token}\r\nSet-Cookie: a=b".encode()):
-        path.write_bytes(data)
-        assert len(load_token(tmp_path)) == len(token)
-    assert len(load_token(tmp_path / "missing")) == len(token)
