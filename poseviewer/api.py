@@ -29,7 +29,7 @@ from poseviewer.errors import PoseViewerError as PoseViewerError
 from poseviewer.errors import SettingsError
 from poseviewer.figures.map_archive import LossMaps
 from poseviewer.files.cameras import Calibration
-from poseviewer.files.masks import save_pose_and_mask
+from poseviewer.files.masks import save_pose_and_masks
 from poseviewer.files.photo import save_image
 from poseviewer.files.photo_sets import LoadedViews, SetChoice
 from poseviewer.files.pose import PoseRecord
@@ -294,7 +294,8 @@ class PosedScene:
         """
         is_single = len(self.views) == 1 and not self.scene.frames
         if self.object_index is not None and is_single:
-            save_pose_and_mask(path, self.record, self.scene.mask(self._index))
+            masks = self.scene.mask(self._index), self.scene.occluders(self._index)
+            save_pose_and_masks(path, self.record, *masks)
         else:
             save_scene(path, as_saved(self._with_loss))
 

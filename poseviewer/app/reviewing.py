@@ -112,10 +112,11 @@ class Reviewer:
                 raise BatchError("What is open is no row's; press a row in the list to open it.")
             if review == ACCEPTED and session.is_unsaved:
                 active, view_index = document.active, document.view_index
-                mask = document.scene.mask(active, view_index)
-                record = pose_json(as_saved(scene_to_save(session)), active, view_index)
+                scene = scene_to_save(session)
+                masks = (of(active, view_index) for of in (scene.mask, scene.occluders))
+                record = pose_json(as_saved(scene), active, view_index)
                 picture = picture_of(document)
-                self.queue = r.save_corrected(self.queue, row, record, picture, mask)
+                self.queue = r.save_corrected(self.queue, row, record, picture, *masks)
                 edits = (set_fields(saved=document),)
             else:
                 _require_saved(session)

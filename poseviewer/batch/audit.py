@@ -75,7 +75,8 @@ def load_frame_jobs(path: Path, out: Path, settings: FitSettings) -> tuple[Job, 
         for index, item in enumerate(shown.objects):
             if item.id in frame.poses:
                 start = out / STARTS / f"{number:06d}-{index}.json"
-                save_start(start, pose_json(as_saved(shown), index), shown.mask(index))
+                record, masks = pose_json(as_saved(shown), index), (shown.mask, shown.occluders)
+                save_start(start, record, *(of(index) for of in masks))
                 photo, model = str(frame.file.location), str(item.model.location)
                 jobs.append(Job(len(jobs) + 1, photo, model, str(start), str(path.parent)))
     if not jobs:

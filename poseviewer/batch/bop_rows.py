@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from msgspec import structs
-
 from poseviewer.batch.job_table import Job, with_keys
 from poseviewer.batch.result_folder import Batch, Row
 from poseviewer.errors import BatchError
@@ -27,11 +25,10 @@ from poseviewer.files.formats.bop import (
     save_bop_images,
     save_scene_files,
 )
-from poseviewer.files.masks import mask_as_png, mask_path
-from poseviewer.files.pose import PoseRecord, load_pose, pose_bytes
+from poseviewer.files.masks import pose_contents
+from poseviewer.files.pose import PoseRecord, load_pose
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.camera import Camera, Perspective, Pose
-from poseviewer.geometry.mask import Mask
 from poseviewer.scene.settings import FitSettings
 
 STARTS = "starts"
@@ -85,15 +82,11 @@ def load_scene_jobs(
     return with_keys(jobs, settings)
 
 
-def save_start(path: Path, record: PoseRecord, mask: Mask | None = None) -> None:
-    """Save a start pose with its mask; an unchanged pose file keeps its time."""
-    if mask is not None:
-        beside = mask_path(path)
-        write_whole(beside, mask_as_png(mask), BatchError, is_own=True)
-        record = structs.replace(record, mask=beside.name)
-    data = pose_bytes(path, record)
-    if not path.is_file() or path.read_bytes() != data:
-        write_whole(path, data, BatchError, is_own=True)
+def save_start(path: Path, *content: Any) -> None:
+    """Save the files of ``pose_contents``; unchanged ones keep their times."""
+    for file, data in pose_contents(path, *content).items():
+        if not file.is_file() or file.read_bytes() != data:
+            write_whole(file, data, BatchError, is_own=True)
 
 
 def save_bop_poses(batch: Batch, rows: Sequence[Row]) -> None:

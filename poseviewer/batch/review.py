@@ -19,7 +19,7 @@ from poseviewer.batch.result_folder import (
 )
 from poseviewer.batch.run_row import result_files, shrink_picture
 from poseviewer.errors import BatchError
-from poseviewer.files.masks import save_pose_and_mask
+from poseviewer.files.masks import save_pose_and_masks
 from poseviewer.files.photo import save_image
 from poseviewer.files.pose import PoseRecord
 from poseviewer.files.writing import write_whole
@@ -64,7 +64,7 @@ def decide(queue: ReviewQueue, index: int, review: str) -> ReviewQueue:
 
 
 def save_corrected(
-    queue: ReviewQueue, index: int, record: PoseRecord, picture: Picture, mask: Mask | None = None
+    queue: ReviewQueue, index: int, record: PoseRecord, picture: Picture, *masks: Mask | None
 ) -> ReviewQueue:
     """Save a corrected pose, and keep the fitted one as ``.fitted.json``.
 
@@ -73,7 +73,7 @@ def save_corrected(
         index: index of the row in the queue.
         record: content of the pose file.
         picture: (height, width, 3): picture of the pose.
-        mask: mask of the photo.
+        masks: the user's mask of the photo, and the occluders.
     """
     row = queue.rows[index]
     require_scene_camera(queue.batch, row.job.photo, record.pose.camera)
@@ -82,7 +82,7 @@ def save_corrected(
     fitted = path.with_suffix(".fitted.json")
     if path.is_file() and not fitted.exists():
         write_whole(fitted, path.read_bytes(), BatchError)
-    save_pose_and_mask(path, record, mask)
+    save_pose_and_masks(path, record, *masks)
     save_image(queue.batch.folder / drawn, shrink_picture(picture))
     return _save(
         queue,

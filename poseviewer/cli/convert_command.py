@@ -16,6 +16,7 @@ from poseviewer.errors import PoseFileError
 from poseviewer.files.formats.conversion import METRES, ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.formats.sequence_export import SEQUENCE_FORMATS
+from poseviewer.scene.sequence import as_still
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -76,7 +77,7 @@ def run(options: Namespace) -> int:
     else:
         if scene.frames and name != SCENE:
             say(f"note: Such a file is of one frame: that of {scene.views[0].name}.")
-            scene = replace(scene, frames=(), frame_index=0)
+            scene = as_still(scene)
         files, notes = FORMATS[name].convert(scene, options.out, request)
         if name == "bop":
             notes += _write_masks(scene, options.out, request)

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from poseviewer.scene.types import Scene
 
 KEY = table.option("--key N", "take --pose as that of the Nth frame (default: 1)")
+MASKS = (
+    table.MASK,
+    table.option("--mask-all-frames", "apply the mask to all frames (default: to the key's alone)"),
+)
 OPTIONS = {
     "": (
         table.option(
@@ -28,6 +32,7 @@ OPTIONS = {
         table.option("--out FOLDER", "write scene and table here", required=True),
         table.POSE,
         KEY,
+        *MASKS,
         *table.SEQUENCE,
         table.option("--processes N", "run this number of processes (default: one a processor)"),
         table.SCHEDULER,
@@ -48,10 +53,10 @@ def run(options: Namespace) -> int:
     from poseviewer.render.pool import processors
 
     tell_of_compiling()
-    sequence = _open(options)
-    for note in () if options.quiet else sequence.notes:
+    scene = _open(options)
+    for note in () if options.quiet else scene.notes:
         tell(f"note: {note}")
-    batch = open_chains(sequence, options.out)
+    batch = open_chains(scene, options.out)
     to_do = batch.to_do()
     if (done := len(batch.jobs) - len(to_do)) and not options.quiet:
         tell(f"{done} of {len(batch.jobs)} chains were done before.")
@@ -76,12 +81,12 @@ def _open(options: Namespace) -> Scene:
     """Open the sequence, with its keys."""
     from poseviewer.files.image_sequence import images_in
     from poseviewer.files.scene_assets import check_frames
-    from poseviewer.scene.sequence import remove_key, show_frame, store_key
     from poseviewer.starts.loading import open_scene_files, open_sequence
 
     path = options.photo
     if options.model is None:
-        of_frames = (table.POSE, KEY, *table.SEQUENCE, table.CALIBRATION, *table.OF_CALIBRATION)
+        of_camera = table.CALIBRATION, *table.OF_CALIBRATION
+        of_frames = (table.POSE, KEY, *MASKS, *table.SEQUENCE, *of_camera)
         table.refuse(
             options, of_frames, f"without MODEL; leave it out, or name {path.name}'s model"
         )
@@ -90,11 +95,6 @@ def _open(options: Namespace) -> Scene:
     if options.pose is None:
         raise SettingsError("a key is wanted: give --pose, the pose in the first frame")
     sequence = load_named_sequence(options, images_in(path) if path.is_dir() else [path])
-    calibration = calibration_of(options)
-    scene = open_sequence(sequence, options.model, options.pose, calibration=calibration)
-    key = (options.key or 1) - 1
-    if key >= len(scene.frames):
-        found = f"--key {key + 1}: {path.name} has {len(scene.frames)} frames"
-        raise SettingsError(f"{found}; name one of them.")
-    # An object without a pose in a frame stays where it is.
-    return store_key(show_frame(remove_key(scene, 0), key), 0)
+    how = {"calibration": calibration_of(options), "key": (options.key or 1) - 1}
+    how |= {"mask": options.mask, "mask_all_frames": options.mask_all_frames}
+    return open_sequence(sequence, options.model, options.pose, **how)

@@ -201,7 +201,7 @@ class InputFile:
             data: values as JSON holds them.
             kind: type that is wanted.
             what: name of the data in messages.
-            raw: keys whose texts stay as they are; others are made ``printable``.
+            raw: keys whose texts, or maps of texts, stay as they are; others are ``printable``.
 
         Raises:
             PoseViewerError: names the place, what is there, and what was wanted.
@@ -245,7 +245,7 @@ class InputFile:
                 matrix = np.array(msgspec.convert(kept["rotation"], Rows))
                 kept["rotation"] = repair_rotation(self, matrix).tolist()
             return {
-                key: item if key in raw and isinstance(item, str) else self._plain(item, raw)
+                key: item if key in raw and isinstance(item, str | dict) else self._plain(item, raw)
                 for key, item in kept.items()
             }
         if isinstance(value, float) and 0.0 < abs(value) < 1e15 and value.is_integer():

@@ -3,17 +3,18 @@
 from base64 import b64decode, b64encode
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 from msgspec import structs
 from PIL import Image
 
-from poseviewer.errors import PhotoFileError
+from poseviewer.errors import PhotoFileError, PoseFileError
 from poseviewer.files.checks import InputFile
 from poseviewer.files.mesh.named import bare_name
 from poseviewer.files.photo import load_photo
-from poseviewer.files.pose import PoseRecord, save_pose
+from poseviewer.files.pose import PoseRecord, pose_bytes
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.mask import Mask
 
@@ -52,28 +53,51 @@ def mask_as_png(mask: Mask) -> bytes:
     return np.asarray(cv2.imencode(".png", pixels)[1]).tobytes()
 
 
-def mask_path(pose_file: str | Path) -> Path:
-    """Path of a pose file's mask: ``car.mask.png`` beside ``car.pose.json``."""
+def mask_paths(pose_file: str | Path) -> tuple[Path, Path]:
+    """Paths of a pose file's masks, the user's and that of what was found in front:
+    ``car.mask.png`` and ``car.occluders.png`` beside ``car.pose.json``.
+    """
     path = Path(pose_file)
-    return path.with_name(path.name.removesuffix(".json").removesuffix(".pose") + ".mask.png")
+    stem = path.name.removesuffix(".json").removesuffix(".pose")
+    return path.with_name(f"{stem}.mask.png"), path.with_name(f"{stem}.occluders.png")
 
 
-def save_pose_and_mask(path: str | Path, record: PoseRecord, mask: Mask | None) -> None:
-    """Write a pose file and, beside it, its mask; each whole or not at all."""
-    if mask is not None:
-        beside = mask_path(path)
-        write_whole(beside, mask_as_png(mask), PhotoFileError, is_own=True)
-        record = structs.replace(record, mask=beside.name)
-    save_pose(path, record)
+def pose_contents(
+    path: Path, record: PoseRecord, mask: Mask | None = None, occluders: Mask | None = None
+) -> dict[Path, bytes]:
+    """Return the files of a pose: its masks, and last the pose file, which names them.
+
+    Args:
+        path: the pose file.
+        record: its content, without masks.
+        mask: the user's.
+        occluders: 0 where a search found something in front.
+    """
+    names = zip(("mask", "occluders"), mask_paths(path), (mask, occluders), strict=True)
+    known = [(name, beside, own) for name, beside, own in names if own is not None]
+    record = structs.replace(record, **{name: beside.name for name, beside, _ in known})
+    return {beside: mask_as_png(own) for _, beside, own in known} | {path: pose_bytes(path, record)}
 
 
-def mask_beside(
+def save_pose_and_masks(path: str | Path, *content: Any) -> None:
+    """Write the files of ``pose_contents``, each whole or not at all."""
+    for file, data in pose_contents(Path(path), *content).items():
+        is_mask = file != Path(path)
+        write_whole(file, data, PhotoFileError if is_mask else PoseFileError, is_own=is_mask)
+
+
+def masks_beside(
     pose_file: str | Path, record: PoseRecord, size: tuple[int, int]
-) -> tuple[Mask | None, tuple[str, ...]]:
-    """Load the mask that a pose file names, or None and a note where it cannot be used."""
-    if record.mask is None:
-        return None, ()
-    try:
-        return load_mask(Path(pose_file).parent / bare_name(record.mask), size), ()
-    except PhotoFileError as error:
-        return None, (f"Nothing of the photo is hidden: {error}",)
+) -> tuple[Mask | None, Mask | None, tuple[str, ...]]:
+    """Load the mask and the occluders that a pose file names; None, and a note, for one that
+    cannot be used.
+    """
+    masks, notes = list[Mask | None](), list[str]()
+    for name in (record.mask, record.occluders):
+        masks.append(None)
+        if name is not None:
+            try:
+                masks[-1] = load_mask(Path(pose_file).parent / bare_name(name), size)
+            except PhotoFileError as error:
+                notes.append(f"Nothing of the photo is hidden: {error}")
+    return masks[0], masks[1], tuple(notes)

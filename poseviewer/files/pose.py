@@ -26,9 +26,10 @@ class PoseRecord(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
     loss: what the search minimises; unexplained: the same on a scale from 0, all of the photo is
     explained, to 1, nothing; seen: the share of the model's pixels that count, that nothing in
     front hides; mask: name of a picture beside this file, in the photo's size, whose white pixels
-    count; without: names of the model's parts that are left out; symmetry: what maps the model onto
-    itself: the pose is one of several that show the same, always the same one of them; note: the
-    user's.
+    count; occluders: name of another one, black where a search found something in front, which does
+    not count either; without: names of the model's parts that are left out; symmetry: what maps the
+    model onto itself: the pose is one of several that show the same, always the same one of them;
+    note: the user's.
     """
 
     format: Literal["poseviewer-pose"] = FORMAT
@@ -44,6 +45,7 @@ class PoseRecord(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
     uncertainty: s.Uncertainty | None = None
     without: tuple[str, ...] = ()
     seen: s.Number | None = None
+    occluders: str | None = None
     notes: tuple[str, ...] = ()
     turns: SymmetryTurns | None = field(name="symmetry", default=None)
     chart: s.ChartJson | None = None
@@ -102,7 +104,7 @@ def load_pose(path: str | Path, width: int | None = None, height: int | None = N
             found = f"no pose of poseviewer's (its keys: {', '.join(data)[:80] or 'none'})"
             wanted = "make one of another tool's with poseviewer convert --from FORMAT"
             raise file.error(found, wanted)
-        record = file.decode(data, PoseRecord, raw=("mask",))
+        record = file.decode(data, PoseRecord, raw=("mask", "occluders"))
     known = record.photo or s.PhotoReference()
     made_for = known.width or width, known.height or height
     photo = structs.replace(known, width=width or known.width, height=height or known.height)

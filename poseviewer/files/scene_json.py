@@ -8,7 +8,7 @@ import os
 from base64 import b64decode
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields, is_dataclass, replace
-from functools import cache, reduce
+from functools import cache, lru_cache, reduce
 from importlib.metadata import version
 from operator import or_
 from pathlib import Path
@@ -45,6 +45,7 @@ from poseviewer.scene.types import (
     SceneObject,
     SearchResult,
     View,
+    require_size,
 )
 
 KIND = "scene file"
@@ -54,6 +55,12 @@ SOFTWARE = {"name": "poseviewer", "version": version("poseviewer")}
 Region = Annotated[tuple[s.Number, ...], Meta(min_length=4, max_length=4)]
 Named = Callable[[str, str], str]
 """A file's name in another place; the second argument says where in the scene it stands."""
+FILES = ("file", "mask", "masks", "occluders")
+"""Fields that name files, or have pictures in them."""
+OF_OBJECTS = ("poses", "masks", "occluders")
+"""Fields of frames that have an entry for an object, by its id."""
+MAX_FRAMES_KEPT = 256
+"""Frames with occluders whose saved form is kept, so that an autosave writes no frame twice."""
 
 
 class PhotoPath(Struct, frozen=True, omit_defaults=True):
@@ -166,7 +173,8 @@ FORMS: dict[Any, JsonForm] = {
 """Types whose form is not made of their fields."""
 DESCRIPTIONS: dict[type, str] = {
     InView: """An object's own part in a view: a mask besides the view's, a region (left, top,
-        width, height, px) in which pixels count, and whether a search reads the view.""",
+        width, height, px) in which pixels count, and whether a search reads the view. occluders: a
+        picture that is black where a search found something in front; masks are the user's.""",
     SearchResult: """Result of the last search for an object. view: index of the view that chart and
         uncertainty are of; seen: for each view, the share of the model's pixels that count, null
         where it was not compared; settings: those of the search. The rest is as in pose files.""",
@@ -177,7 +185,10 @@ DESCRIPTIONS: dict[type, str] = {
         without: names of the model's parts that are left out; symmetry: as in pose files; note: the
         user's.""",
     Frame: """A photo of a sequence, by the view's camera and lens: its time stamp from the first
-        frame (s), and the objects' poses by their ids; an object without a pose is left out.""",
+        frame (s), and the objects' poses by their ids; an object without a pose is left out. mask:
+        for all objects, masks: for single ones by their ids, occluders: what a search found in
+        front of them; all three in this frame alone, while masks of the view and of objects hold
+        for all frames.""",
     FramePose: """Pose of an object in a frame: key, placed by the user, or propagated from keys;
         stale: a key has changed since; result: as of an object.""",
     Scene: """Views times objects; without objects, a set of photos. Camera axes are OpenCV's (x
@@ -275,6 +286,8 @@ def _complete(scene: Scene) -> Scene:
     for frame in scene.frames:
         photo: Any = frame.file
         file = frame_file(Path(photo.file), scene.views[0], photo.sha256)
+        for mask in (frame.mask, *frame.masks.values(), *frame.occluders.values()):
+            require_size(mask, file)
         poses = {name: replace(own, result=_about(scene, own)) for name, own in frame.poses.items()}
         frames.append(replace(frame, file=file, poses=poses))
     return replace(scene, objects=tuple(objects), frames=tuple(frames))
@@ -312,7 +325,7 @@ def load_scene(path: str | Path, inside: Path | None = None) -> Scene:
     with file.naming_errors():
         data = file.load_object()
         file.require_format({"format": None, **data}, s.SCENE, VERSION)
-        form: Any = file.decode(data, SceneJson, raw=("file", "mask"))
+        form: Any = file.decode(data, SceneJson, raw=FILES)
         require_whole(file, form)
         scene: Scene = form_of(Scene).decode(_with_files(form, find))
         return replace(scene, name=file.path.name, notes=tuple(dict.fromkeys(file.warnings)))
@@ -328,41 +341,66 @@ def _with_files(form: Any, name: Named, name_inline: Named | None = None) -> Any
     def rename_photo(photo: Any, where: str) -> Any:
         return structs.replace(photo, file=name(photo.file, f"{where}.photo.file"))
 
-    views, objects = [], []
+    views, objects, frames = [], [], []
     for number, view in enumerate(form.views):
         where = f"views[{number}]"
         photo = rename_photo(view.photo, where)
         views.append(structs.replace(view, photo=photo, mask=rename(view.mask, where)))
-    frames = (
-        structs.replace(frame, file=rename_photo(frame.file, f"frames[{number}]"))
-        for number, frame in enumerate(form.frames)
-    )
+    for number, frame in enumerate(form.frames):
+        where = f"frames[{number}]"
+        of_objects = {
+            key: {each: rename(mask, where) for each, mask in getattr(frame, key).items()}
+            for key in OF_OBJECTS[1:]
+        }
+        photo, mask = rename_photo(frame.file, where), rename(frame.mask, where)
+        frames.append(structs.replace(frame, file=photo, mask=mask, **of_objects))
     for number, item in enumerate(form.objects):
         where = f"objects[{number}]"
         model = structs.replace(item.model, file=name(item.model.file, f"{where}.model.file"))
-        in_views = tuple(
-            structs.replace(own, mask=rename(own.mask, f"{where}.in_views[{index}]"))
-            for index, own in enumerate(item.in_views)
-        )
-        objects.append(structs.replace(item, model=model, in_views=in_views))
+        in_views = []
+        for index, own in enumerate(item.in_views):
+            at = f"{where}.in_views[{index}]"
+            masks = {"mask": rename(own.mask, at), "occluders": rename(own.occluders, at)}
+            in_views.append(structs.replace(own, **masks))
+        objects.append(structs.replace(item, model=model, in_views=tuple(in_views)))
     return structs.replace(form, views=tuple(views), objects=tuple(objects), frames=tuple(frames))
 
 
 def as_saved(scene: Scene, *, canonical: bool = True) -> Scene:
-    """Return the scene as files have it: occlusion is in the masks, starts are left out.
+    """Return the scene as files have it: with occluders apart from results, and without starts.
 
     A pose of a symmetric model is a ``canonical`` one of those that show the same. In a sequence it
-    stays, as the motion between frames has to, and occlusion is left out: masks are for all frames.
+    stays, as the motion between frames has to.
     """
     canonical = canonical and not scene.frames
     objects = tuple(_object_as_saved(scene, i, canonical) for i in range(len(scene.objects)))
     frames, ids = [], {item.id for item in objects}
-    for frame in scene.frames:
-        if frame.poses.keys() - ids:  # of objects that were removed
-            poses = {name: pose for name, pose in frame.poses.items() if name in ids}
-            frame = replace(frame, poses=poses)
+    for frame in map(_frame_as_saved, scene.frames):
+        if {*frame.poses, *frame.masks, *frame.occluders} - ids:  # of objects that were removed
+            kept = {
+                key: {name: own for name, own in getattr(frame, key).items() if name in ids}
+                for key in OF_OBJECTS
+            }
+            frame = replace(frame, **kept)
         frames.append(frame)
     return replace(scene, objects=objects, software=SOFTWARE, frames=tuple(frames))
+
+
+def _frame_as_saved(frame: Frame) -> Frame:
+    results = (pose.result for pose in frame.poses.values() if pose.result is not None)
+    is_occluded = any(mask is not None for result in results for mask in result.hidden)
+    return _with_occluders(frame) if is_occluded else frame
+
+
+@lru_cache(maxsize=MAX_FRAMES_KEPT)
+def _with_occluders(frame: Frame) -> Frame:
+    occluders = dict(frame.occluders)
+    for name, pose in frame.poses.items():
+        (hidden,) = (pose.result and pose.result.hidden) or (None,)
+        if hidden is not None:
+            earlier = occluders[name].weights if name in occluders else 1.0
+            occluders[name] = Mask.of(earlier * ~hidden)
+    return replace(frame, occluders=occluders)
 
 
 def _object_as_saved(scene: Scene, index: int, canonical: bool) -> SceneObject:
@@ -375,10 +413,8 @@ def _object_as_saved(scene: Scene, index: int, canonical: bool) -> SceneObject:
         place = scene.views[at].world_from_model(equal, place.scale)
     in_views = []
     for number, own in enumerate(item.in_views or [InView()] * len(scene.views)):
-        hidden = result.hidden[number] if result and result.hidden else None
-        if hidden is not None and not scene.frames:
-            weights = ~hidden if own.mask is None else own.mask.weights * ~hidden
-            own = replace(own, mask=Mask.of(weights))
+        if not scene.frames:  # there, they belong to the frame
+            own = replace(own, occluders=scene.occluders(index, number))
         in_views.append(own)
     is_own = any(own != InView() for own in in_views)
     if result is not None:
@@ -449,9 +485,10 @@ def require_whole(file: InputFile, form: Any) -> None:
         if (frame.file.width, frame.file.height) != form.views[0].size:
             found = f"frames[{number}].photo is {frame.file.width}x{frame.file.height} px"
             raise file.error(found, "wanted the size of the view's photo")
-        if unknown := frame.poses.keys() - ids:
-            found = f"frames[{number}].poses has {min(unknown)!r}"
-            raise file.error(found, f"wanted the id of an object, one of {', '.join(ids)}")
+        for key in OF_OBJECTS:
+            if unknown := getattr(frame, key).keys() - ids:
+                found = f"frames[{number}].{key} has {min(unknown)!r}"
+                raise file.error(found, f"wanted the id of an object, one of {', '.join(ids)}")
     if form.free_scale and len(ids) > 1:
         wanted = "say free_scale: false and the objects' scales, or leave one object alone"
         raise file.error(f"its scale is not known, and it has {len(ids)} objects", wanted)

@@ -157,7 +157,10 @@ def _weights(
     photo = scene.views[view_index].photo
     shape = photo.height, photo.width
     weights = np.ones(shape, np.float32)
-    for mask in () if settings.in_front == "nothing" else scene.masks(object_index, view_index):
+    at = object_index, view_index
+    painted = () if settings.in_front == "nothing" else scene.masks(*at)
+    found = scene.earlier_occluders(*at) if settings.in_front == "find" else ()
+    for mask in (*painted, *found):
         weights = weights * mask.weights
     if photo.covered is not None:
         weights = weights * photo.covered

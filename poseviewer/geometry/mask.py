@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, reduce
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,6 +34,13 @@ class Mask:
         is_binary = bool(np.isin(values, (0.0, 1.0)).all())
         content = np.packbits(values > 0.0) if is_binary else values
         return cls(width, height, zlib.compress(content.tobytes(), level=1), is_binary)
+
+    @classmethod
+    def product(cls, masks: Sequence[Mask]) -> Mask | None:
+        """Multiply the weights of masks; None: there are none."""
+        if len(masks) < 2:
+            return masks[0] if masks else None
+        return cls.of(reduce(np.multiply, (mask.weights for mask in masks)))
 
     @property
     def weights(self) -> NDArray[np.float32]:

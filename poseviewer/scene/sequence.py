@@ -8,7 +8,8 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
 from poseviewer.errors import SettingsError
-from poseviewer.scene.types import Frame, FramePose, Scene
+from poseviewer.geometry.mask import Mask
+from poseviewer.scene.types import Frame, FramePose, InView, Scene
 
 
 def with_frames(scene: Scene, frames: Sequence[Frame]) -> Scene:
@@ -42,6 +43,23 @@ def show_frame(scene: Scene, frame_index: int) -> Scene:
     view, file = scene.views[0], frame.file
     view = view if view.file == file else replace(view, file=replace(file))
     return replace(scene, views=(view,), objects=tuple(objects), frame_index=frame_index)
+
+
+def as_still(scene: Scene) -> Scene:
+    """Return the shown frame as a scene of its own, with the masks and occluders of that frame."""
+    if scene.frame is None:
+        return scene
+    objects = []
+    for index, item in enumerate(scene.objects):
+        own = scene.in_view(index)
+        mask = Mask.product(tuple(filter(None, (own.mask, scene.frame.masks.get(item.id)))))
+        occluders = Mask.product(scene.earlier_occluders(index))
+        own = replace(own, mask=mask, occluders=occluders)
+        objects.append(replace(item, in_views=() if own == InView() else (own,)))
+    view = scene.views[0]
+    mask = Mask.product(tuple(filter(None, (view.mask, scene.frame.mask))))
+    views, objects = (replace(view, mask=mask),), tuple(objects)
+    return replace(scene, views=views, objects=objects, frames=(), frame_index=0)
 
 
 def key_indices(scene: Scene, object_id: str) -> list[int]:

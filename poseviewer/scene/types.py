@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import reduce
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -109,6 +108,8 @@ class InView:
 
     mask: Mask | None = None
     """Weight of each pixel for this object, besides the view's mask."""
+    occluders: Mask | None = None
+    """0 where an earlier search found something in front; only masks are the user's."""
     region: Rectangle | None = None
     """Pixels that count lie in it, px."""
     is_compared: bool = True
@@ -142,7 +143,7 @@ class SearchResult:
     """Settings as JSON holds them, and the photo's channels."""
     notes: tuple[str, ...] = ()
     hidden: tuple[NDArray[np.bool_] | None, ...] = field(default=(), metadata=NOT_IN_FILES)
-    """For each view, (height, width): pixels taken for occluders; in files, in the masks."""
+    """For each view, (height, width): pixels taken for occluders; in files, in ``occluders``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -224,6 +225,14 @@ class Frame:
     """Time stamp from the first frame, s; None: not known."""
     poses: Mapping[str, FramePose] = field(default_factory=dict)
     """Poses by the objects' ids; an object without a pose is left out."""
+    mask: Mask | None = None
+    """Weight of each pixel for all objects in this frame, besides masks that hold for all frames:
+    those of the view and the objects.
+    """
+    masks: Mapping[str, Mask] = field(default_factory=dict)
+    """Weight of each pixel in this frame for single objects, by their ids."""
+    occluders: Mapping[str, Mask] = field(default_factory=dict)
+    """0 where a search found something in front of an object in this frame, by the ids."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -265,11 +274,9 @@ class Scene:
                 found = f"is for {camera.width}x{camera.height} px, and the photo has {size}"
                 wanted = "use the photo that the camera is of"
                 raise SettingsError(f"the camera of {view.name} {found}; {wanted}.")
-            masks = [view.mask, *(one.in_views[index].mask for one in self.objects if one.in_views)]
-            for mask in filter(None, masks):
-                if (mask.width, mask.height) != (file.width, file.height):
-                    found = f"has {mask.width}x{mask.height} px, the photo {file.name} has {size}"
-                    raise SettingsError(f"the mask {found}; make the mask in the photo's size.")
+            own = [one.in_views[index] for one in self.objects if one.in_views]
+            for mask in (view.mask, *(masks for one in own for masks in (one.mask, one.occluders))):
+                require_size(mask, file)
 
     def index(self, object_id: str) -> int:
         """Return the index of the object that has an id.
@@ -323,18 +330,36 @@ class Scene:
         return own[view_index] if own else InView()
 
     def masks(self, object_index: int, view_index: int = 0) -> tuple[Mask, ...]:
-        """Return the masks of an object in a view: the view's, and its own."""
-        return tuple(
-            filter(None, (self.views[view_index].mask, self.in_view(object_index, view_index).mask))
-        )
+        """Return the user's masks of an object in a view: the view's, and its own; of a sequence,
+        also those of the shown frame.
+        """
+        of_all = self.views[view_index].mask, self.in_view(object_index, view_index).mask
+        frame, name = self.frame, self.objects[object_index].id
+        of_frame = () if frame is None else (frame.mask, frame.masks.get(name))
+        return tuple(filter(None, (*of_all, *of_frame)))
 
     def mask(self, object_index: int, view_index: int = 0) -> Mask | None:
-        """Return the pixels of a view that count for an object: all masks, without occluders."""
+        """Return the user's masks of an object in a view as one; None: all pixels count."""
+        return Mask.product(self.masks(object_index, view_index))
+
+    def earlier_occluders(self, object_index: int, view_index: int = 0) -> tuple[Mask, ...]:
+        """Return what searches before the object's result found in front of it in a view."""
+        frame, name = self.frame, self.objects[object_index].id
+        of_frame = None if frame is None else frame.occluders.get(name)
+        of_view = self.in_view(object_index, view_index).occluders
+        return tuple(filter(None, (of_view, of_frame)))
+
+    def occluders(self, object_index: int, view_index: int = 0) -> Mask | None:
+        """Return what all searches found in front of an object in a view as one mask."""
         result = self.objects[object_index].result
-        weights = [mask.weights for mask in self.masks(object_index, view_index)]
-        in_front = result.hidden[view_index] if result and result.hidden else None
-        weights += [] if in_front is None else [~in_front]
-        return Mask.of(reduce(np.multiply, weights)) if weights else None
+        hidden = result.hidden[view_index] if result and result.hidden else None
+        found = () if hidden is None else (Mask.of(~hidden),)
+        return Mask.product((*self.earlier_occluders(object_index, view_index), *found))
+
+    @property
+    def frame(self) -> Frame | None:
+        """The frame of a sequence that is shown."""
+        return self.frames[self.frame_index] if self.frames else None
 
     def with_object(self, object_index: int, **changes: Any) -> Scene:
         """Change fields of one object."""
@@ -362,6 +387,18 @@ class Scene:
         return replace(self, views=views).with_object(
             object_index, world_from_model=place, result=None
         )
+
+
+def require_size(mask: Mask | None, file: PhotoFile) -> None:
+    """Require that a mask has the size of its photo.
+
+    Raises:
+        SettingsError: it has another.
+    """
+    if mask is not None and (mask.width, mask.height) != (file.width, file.height):
+        size = f"{file.width}x{file.height} px"
+        found = f"has {mask.width}x{mask.height} px, the photo {file.name} has {size}"
+        raise SettingsError(f"the mask {found}; make the mask in the photo's size.")
 
 
 def _is_own_scale(pose: Pose, view: View, objects: int) -> bool:

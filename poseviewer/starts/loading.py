@@ -11,7 +11,7 @@ from poseviewer.errors import CalibrationFileError, PoseFileError, SettingsError
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.formats.conversion import METRES
 from poseviewer.files.image_sequence import ImageSequence, load_sequence
-from poseviewer.files.masks import load_mask, mask_beside
+from poseviewer.files.masks import load_mask, masks_beside
 from poseviewer.files.mesh.size import distance_notes
 from poseviewer.files.photo import load_calibrated_photo, undistort_photo
 from poseviewer.files.photo_sets import LoadedViews, SetChoice, load_views, with_names
@@ -26,9 +26,9 @@ from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.world_pose import triangulate_scale
 from poseviewer.scene.assets import ModelFile, PhotoFile
-from poseviewer.scene.sequence import store_key, with_frames
+from poseviewer.scene.sequence import show_frame, store_key, with_frames
 from poseviewer.scene.settings import FitSettings
-from poseviewer.scene.types import Frame, Scene, SceneObject, View, scene_at
+from poseviewer.scene.types import Frame, InView, Scene, SceneObject, View, scene_at
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 
 MIN_DIFFERENCE = 1e-3
@@ -104,7 +104,8 @@ def open_photo_scene(
         start: pose file, pose, or what finds one on the photo, or those of several instances.
         settings: those of the object.
         calibration: camera and lens of the photo: a file, or a choice among its cameras.
-        mask: weight of each pixel, or its picture; default: that of the pose file.
+        mask: weight of each pixel, or its picture; default: that of the pose file, with what was
+            found in front.
 
     Raises:
         PoseViewerError: a file cannot be used; no start is found, or one for another size.
@@ -117,7 +118,7 @@ def open_photo_scene(
     model = model if isinstance(model, ModelFile) else load_model(model)
     without, note = tuple(settings.without or ()), ""
     notes, others = tuple[str, ...](), tuple[Start, ...]()
-    doubt = ""
+    doubt, occluders = "", None
     if isinstance(start, str | Path):
         record = load_pose(start, opened.width, opened.height)
         opened, record, of_camera = _match_start(opened, record)
@@ -127,7 +128,8 @@ def open_photo_scene(
         without += known
         notes = (*record.warnings, *checks, *of_camera, *of_parts)
         if mask is None:
-            mask, of_mask = mask_beside(start, record, (opened.width, opened.height))
+            size = opened.width, opened.height
+            mask, occluders, of_mask = masks_beside(start, record, size)
             notes += of_mask
         start, note = record.pose, record.note
         notes += distance_notes(model.content.mesh_without(without), start)
@@ -145,7 +147,8 @@ def open_photo_scene(
         raise SettingsError(f"a start for photos of {found}{opened.height}; {wanted}.")
     file = PhotoFile.of(opened, None if is_loaded else Path(photo))
     left_out = model.content.mesh_without(without).left_out
-    fields = {"without": left_out, "note": note, "doubt": doubt}
+    in_views = (InView(occluders=occluders),) if occluders else ()
+    fields = {"without": left_out, "note": note, "doubt": doubt, "in_views": in_views}
     scene = scene_at(View(file, camera, mask=mask), model, start, settings=settings, **fields)
     notes = (*notes_of(opened), *notes_of(model), *notes)
     return with_instances(replace(scene, name=opened.name, notes=notes), others)
@@ -155,30 +158,49 @@ def open_sequence(
     frames: str | Path | Sequence[Path] | ImageSequence, model: str | Path | ModelFile,
     start: str | Path | Pose | FindStart, every: int = 1, settings: FitSettings | None = None,
     calibration: Calibration | str | Path | None = None, mask: str | Path | Mask | None = None,
+    key: int = 0, mask_all_frames: bool = False,
 ) -> Scene:  # fmt: skip
-    """Open the scene of a model in the frames of a sequence, which shows the first.
+    """Open the scene of a model in the frames of a sequence, which shows the one of the start.
 
     Args:
         frames: folder of images, their files, or a video; or what ``load_sequence`` made of them.
         model: file, or loaded model.
-        start: in the first frame, as of ``open_photo_scene``; a given pose is a key there.
+        start: in the frame ``key``, as of ``open_photo_scene``; a given pose is a key there.
         every: take the first frame, and every N-th after it.
         settings: those of the object.
         calibration: camera and lens of all frames.
-        mask: weight of each pixel in all frames, or its picture.
+        mask: weight of each pixel in the frame ``key``, or its picture; default: the pose file's.
+        key: index of the frame that the start and the mask are of.
+        mask_all_frames: whether the mask holds for all frames; what a search found in front, as the
+            pose file says it, belongs to the frame ``key`` in any case.
 
     Raises:
+        SettingsError: there is no such frame, or no mask that could hold for all.
         PoseViewerError: as of ``load_sequence`` and ``open_photo_scene``.
     """
     sequence = frames if isinstance(frames, ImageSequence) else load_sequence(frames, every)
     is_given = isinstance(start, str | Path | Pose)
-    scene = open_photo_scene(sequence.paths[0], model, start, settings, calibration, mask)
-    view = scene.views[0]
-    others = zip(sequence.paths[1:], sequence.sha256s[1:], strict=True)
-    files = (view.file, *(frame_file(path, view, sha256) for path, sha256 in others))
+    if not 0 <= key < len(sequence.paths):
+        found = f"key={key + 1}: {sequence.name} has {len(sequence.paths)} frames"
+        raise SettingsError(f"{found}; name one of them.")
+    scene = open_photo_scene(sequence.paths[key], model, start, settings, calibration, mask)
+    view, found = scene.views[0], scene.earlier_occluders(0)
+    named = zip(sequence.paths, sequence.sha256s, strict=True)
+    files = [frame_file(path, view, sha256) for path, sha256 in named]
+    files[key] = view.file
     times = zip(files, sequence.times_s, strict=True)
-    scene = with_frames(scene, [Frame(file=file, time_s=time) for file, time in times])
-    scene = replace(scene, name=sequence.name, notes=(*scene.notes, *sequence.notes))
+    shots = [Frame(file=file, time_s=time) for file, time in times]
+    notes = (*scene.notes, *sequence.notes)
+    if mask_all_frames and view.mask is None:
+        raise SettingsError("mask_all_frames without a mask; leave it out, or name the mask.")
+    if view.mask is not None and not mask_all_frames:
+        shots[key] = replace(shots[key], mask=view.mask)
+        view = replace(view, mask=None)
+        notes += (f"The mask hides pixels of {view.name} alone, not those of all frames.",)
+    if found:
+        shots[key] = replace(shots[key], occluders={scene.objects[0].id: found[0]})
+    scene = replace(scene.with_object(0, in_views=()), views=(view,), name=sequence.name)
+    scene = show_frame(with_frames(replace(scene, notes=notes), shots), key)
     return store_key(scene, 0) if is_given else scene
 
 

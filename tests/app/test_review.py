@@ -23,7 +23,7 @@ from poseviewer.app.workers.opening import open_autosaved
 from poseviewer.app.workers.tasks import QueuedTask
 from poseviewer.batch.run import open_batch
 from poseviewer.errors import BatchError
-from poseviewer.files.masks import mask_beside
+from poseviewer.files.masks import masks_beside
 from poseviewer.files.pose import load_pose
 from poseviewer.files.state.autosave import load_autosave
 from poseviewer.fit.progress import Status
@@ -148,7 +148,7 @@ def test_what_is_hidden_is_kept_with_the_row(review: Review, out: Path) -> None:
     assert mask is not None
     review.do(review.decide("accepted"))
     path = out / review.queue.rows[1].result.pose
-    saved, notes = mask_beside(path, load_pose(path, 160, 120), (160, 120))
+    saved, _, notes = masks_beside(path, load_pose(path, 160, 120), (160, 120))
     assert notes == ()
     assert saved is not None
     assert np.array_equal(saved.weights, mask.weights)

@@ -10,7 +10,7 @@ import pytest
 from msgspec import structs
 
 from poseviewer.errors import PhotoFileError
-from poseviewer.files.masks import load_mask, mask_as_png, mask_beside, save_pose_and_mask
+from poseviewer.files.masks import load_mask, mask_as_png, masks_beside, save_pose_and_masks
 from poseviewer.files.photo import save_image
 from poseviewer.files.pose import PoseRecord, load_pose
 from poseviewer.geometry.camera import Perspective, Pose
@@ -47,15 +47,18 @@ def test_a_mask_comes_back_from_its_picture(tmp_path: Path, is_painted, kind) ->
     np.testing.assert_allclose(found, mask.weights, atol=0.0 if is_painted else 1e-5)
 
 
-def test_a_pose_file_names_its_mask(tmp_path: Path) -> None:
-    path = tmp_path / "car.pose.json"
-    save_pose_and_mask(path, RECORD, MASK)
-    assert json.loads(path.read_text())["mask"] == "car.mask.png"
-    mask, notes = mask_beside(path, load_pose(path, WIDTH, HEIGHT), (WIDTH, HEIGHT))
+def test_a_pose_file_names_its_mask_and_what_was_found_in_front_apart(tmp_path: Path) -> None:
+    path, found = tmp_path / "car.pose.json", Mask.of(COUNTS[:, ::-1])
+    save_pose_and_masks(path, RECORD, MASK, found)
+    named = json.loads(path.read_text())
+    assert (named["mask"], named["occluders"]) == ("car.mask.png", "car.occluders.png")
+    *masks, notes = masks_beside(path, load_pose(path, WIDTH, HEIGHT), (WIDTH, HEIGHT))
     assert notes == ()
-    assert np.array_equal(mask.weights, COUNTS)
-    save_pose_and_mask(path, RECORD, None)
-    assert mask_beside(path, load_pose(path, WIDTH, HEIGHT), (WIDTH, HEIGHT)) == (None, ())
+    for mask, own in zip(masks, (MASK, found), strict=True):
+        assert np.array_equal(mask.weights, own.weights)
+    save_pose_and_masks(path, RECORD)
+    record = load_pose(path, WIDTH, HEIGHT)
+    assert masks_beside(path, record, (WIDTH, HEIGHT)) == (None, None, ())
 
 
 @pytest.mark.parametrize(("name", "said"), [
@@ -69,6 +72,6 @@ def test_a_mask_that_cannot_be_used_is_said(tmp_path: Path, name: str, said: str
     for path in (folder / "small.png", tmp_path / "secret.png"):
         cv2.imwrite(str(path), np.zeros((8, 8), np.uint8))
     record = structs.replace(RECORD, mask=name)
-    mask, (note,) = mask_beside(folder / "p.json", record, (WIDTH, HEIGHT))
+    mask, _, (note,) = masks_beside(folder / "p.json", record, (WIDTH, HEIGHT))
     assert mask is None
     assert re.search(said, note)

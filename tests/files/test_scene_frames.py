@@ -12,11 +12,13 @@ import pytest
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import PoseViewerError
+from poseviewer.files.masks import mask_as_png
 from poseviewer.files.scene_assets import frame_file
 from poseviewer.files.scene_json import as_saved, form_of, load_scene, save_scene
 from poseviewer.geometry.lens import Lens, Undistortion
+from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.scene.sequence import show_frame, store_key, with_frames
+from poseviewer.scene.sequence import as_still, show_frame, store_key, with_frames
 from poseviewer.scene.types import Frame, FramePose, Scene, SearchResult
 from tests.schemas import load_valid
 from tests.several import CAMERA, make_three
@@ -87,16 +89,61 @@ def test_a_frame_has_the_lens_of_the_view(path, tmp_path):
 
 
 def test_poses_of_a_sequence_are_saved_as_they_are(path):
-    hidden = (np.ones((240, 320), bool),)
     scene = sequence(path)
     item = scene.objects[0]
-    shown = scene.with_object(0, result=SearchResult(hidden=hidden))
-    saved = as_saved(shown)
+    saved = as_saved(scene)
     assert saved.objects[0].world_from_model is item.world_from_model
     assert not saved.objects[0].in_views
     assert saved.frames == scene.frames
     without = as_saved(replace(scene, objects=scene.objects[1:]))
     assert not any(frame.poses for frame in without.frames)
+
+
+def masked(path: Path) -> Scene:
+    """The sequence with two masks in its first frame, and in its second one what a search found in
+    front.
+    """
+    scene, masks = sequence(path), {"ball": Mask.of(np.tri(240, 320, -3))}
+    hidden = (np.tri(240, 320, -9, bool),)
+    first, second, *others = scene.frames
+    first = replace(first, mask=Mask.of(np.tri(240, 320)), masks=masks)
+    result = SearchResult(hidden=hidden)
+    pose = replace(second.poses["ball"], source="key", result=result)
+    frames = (first, replace(second, poses={"ball": pose}), *others)
+    return show_frame(replace(scene, frames=frames), 1)
+
+
+def test_masks_and_occluders_belong_to_their_frames(path, tmp_path):
+    scene = masked(path)
+    (tmp_path / "o\u200bdd").mkdir()
+    saved = as_saved(scene)
+    save_scene(tmp_path / "o\u200bdd" / "o\u200bdd.json", saved)
+    load_valid(tmp_path / "o\u200bdd" / "o\u200bdd.json", "scene")
+    assert as_saved(scene).frames[1] is saved.frames[1]  # an autosave need not write it again
+    again = load_scene(tmp_path / "o\u200bdd" / "o\u200bdd.json")
+    counts = [[len(show_frame(one, i).masks(0)) for i in range(3)] for one in (scene, again)]
+    assert counts == [[2, 0, 0]] * 2
+    known = show_frame(scene, 0).mask(0), scene.occluders(0)
+    for i, mask in enumerate((show_frame(again, 0).mask(0), show_frame(again, 1).occluders(0))):
+        assert np.array_equal(mask.weights, known[i].weights)
+    assert show_frame(again, 0).mask(1).weights.sum() > show_frame(again, 0).mask(0).weights.sum()
+    assert show_frame(again, 2).occluders(0) is None
+    without = as_saved(replace(scene, objects=scene.objects[1:])).frames
+    assert not any(frame.masks or frame.occluders for frame in without)
+    assert without[0].mask is scene.frames[0].mask
+
+
+def test_a_frame_alone_keeps_its_masks(path):
+    scene = masked(path)
+    for index in range(3):
+        shown = show_frame(scene, index)
+        still = as_still(shown)
+        assert not still.frames
+        for number in range(3):
+            for kind in (Scene.mask, Scene.occluders):
+                one, other = (kind(each, number) for each in (still, shown))
+                assert (one is None) == (other is None)
+                assert one is None or np.array_equal(one.weights, other.weights)
 
 
 @pytest.mark.parametrize(("change", "words"), [
@@ -108,9 +155,15 @@ def test_poses_of_a_sequence_are_saved_as_they_are(path):
     (lambda d: d["frames"][1]["poses"].update(car=d["frames"][1]["poses"]["ball"]),
      r"frames\[1\].poses has 'car'; wanted the id of an object, one of ball, front, apart"),
     (lambda d: d["frames"][1]["poses"]["ball"].update(source="x"), "source is 'x'; wanted one of"),
+    (lambda d: d["frames"][1].update(masks={"car": "f0.png"}),
+     r"frames\[1\].masks has 'car'; wanted the id of an object"),
+    (lambda d: d["frames"][1].update(occluders={"ball": "gone.png"}), "gone.png, and there is no"),
+    (lambda d: d["frames"][1].update(masks={"ball": 5}), r"frames\[1\].masks\[...\] is 5; wanted"),
+    (lambda d: d["frames"][1].update(mask="small.png"), "the mask has 8x8 px, the photo f1.png"),
 ])  # fmt: skip
 def test_what_is_wrong_with_frames_is_said(path, change, words):
     save_scene(path, as_saved(sequence(path)))
+    path.with_name("small.png").write_bytes(mask_as_png(Mask.of(np.ones((8, 8)))))
     edit(path, change)
     with pytest.raises(PoseViewerError, match=words):
         load_scene(path)

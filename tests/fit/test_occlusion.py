@@ -93,14 +93,15 @@ def test_a_fit_leaves_out_what_it_sees_in_front(demo, behind_slab, tmp_path):
     assert pose_error(behind_slab.mesh, found.pose, truth).percent < 0.3
     assert found.hidden is not None
     assert 0.6 < found.seen < 0.8
-    mask = found.scene.mask(0)
-    assert mask is not None
-    assert not np.any(mask.weights[found.hidden])
+    assert found.scene.mask(0) is None
     found.save(tmp_path / "car.pose.json")
     photo = found.photo
     record = load_pose(tmp_path / "car.pose.json", photo.width, photo.height)
     assert record.seen == found.seen
-    assert record.mask == "car.mask.png"
+    assert (record.mask, record.occluders) == (None, "car.occluders.png")
+    again = load(demo_case().photo, demo_case().model, tmp_path / "car.pose.json").scene
+    (occluders,) = again.earlier_occluders(0)
+    assert np.array_equal(occluders.weights == 0.0, found.hidden)
 
 
 def make_can(random: np.random.Generator | None = None) -> Mesh:

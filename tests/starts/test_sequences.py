@@ -3,16 +3,21 @@
 import os
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
-from poseviewer.errors import PoseViewerError
+from poseviewer.errors import PoseViewerError, SettingsError
 from poseviewer.files.cameras import Calibration
+from poseviewer.files.masks import save_pose_and_masks
 from poseviewer.files.photo import load_photo, save_image
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_json import as_saved, load_scene, save_scene
 from poseviewer.files.state.uploads import copy_out
+from poseviewer.fit.problem import make_problem
+from poseviewer.geometry.mask import Mask
 from poseviewer.scene.sequence import show_frame
+from poseviewer.scene.settings import FitSettings
 from poseviewer.starts.loading import open_scene_files, open_sequence
 from tests.scene import Scene
 from tests.writing import write
@@ -54,6 +59,37 @@ def test_a_calibration_undistorts_every_frame(frames, scene, tmp_path):
         assert shown.photo.camera == shown.camera
         taken = load_photo(opened.frames[index].file.location).pixels
         assert np.any(shown.photo.pixels != taken)
+
+
+@pytest.mark.parametrize("all_frames", [False, True])
+def test_what_was_found_in_front_belongs_to_the_key_and_a_mask_to_all_frames_if_said(
+    frames, scene, tmp_path, all_frames
+):
+    mask, found = np.ones((2, 120, 160))
+    mask[:9], found[:, :9] = 0.0, 0.0
+    record = load_pose(scene.truth)
+    save_pose_and_masks(tmp_path / "key.json", record, Mask.of(mask), Mask.of(found))
+    how = {"key": 1, "mask_all_frames": all_frames, "settings": FitSettings(pixels="whole")}
+    opened = open_sequence(frames, scene.model, tmp_path / "key.json", **how)
+    assert [[*frame.poses] for frame in opened.frames] == [[], ["1"], []]
+    assert (opened.frame_index, opened.views[0].name) == (1, "f2.png")
+    save_scene(tmp_path / "s.json", as_saved(opened))
+    for now in (opened, open_scene_files(tmp_path / "s.json")):
+        for index in range(3):
+            photo = make_problem(show_frame(now, index))[0].views[0].photo
+            weights = cv2.resize(photo.weights, (160, 120), interpolation=cv2.INTER_NEAREST)
+            assert np.all(weights[:5] == 0.0) == (all_frames or index == 1)
+            assert np.all(weights[:, :5] == 0.0) == (index == 1)
+            assert np.any(weights[60:, 80:] > 0.0)
+    said = [note for note in opened.notes if "alone, not those of all frames" in note]
+    assert len(said) == (not all_frames)
+
+
+def test_a_key_or_a_mask_that_is_not_there_is_said(frames, scene):
+    with pytest.raises(SettingsError, match="key=4: frames has 3 frames"):
+        open_sequence(frames, scene.model, scene.truth, key=3)
+    with pytest.raises(SettingsError, match="mask_all_frames without a mask"):
+        open_sequence(frames, scene.model, scene.truth, mask_all_frames=True)
 
 
 def test_frames_are_not_kept_in_memory(frames, scene):

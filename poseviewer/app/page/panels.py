@@ -339,7 +339,8 @@ def _add_hiding(controls: Controls) -> None:
         document = session.document
         ended = None if session.is_searching else session.search
         masks, choice = h.masks_of(session), document.settings.in_front
-        return *masks, choice, document.object.result, document.view_index, ended
+        found = document.occluders
+        return *masks, choice, found, document.object.result, document.view_index, ended
 
     in_front = attrgetter("document.settings.in_front")
     controls.dropdown("In front", IN_FRONT, partial(_set, "in_front"), in_front, IN_FRONT_HINT)
@@ -354,7 +355,10 @@ def _add_hiding(controls: Controls) -> None:
     controls.bind(for_one, "pen", "for_one", visible=several)
     has_found = memoize(hiding_key, lambda s: h.occlusion_pixels(s) is not None)
     controls.action("hide found", visible=has_found)
-    controls.action("unhide", visible=lambda s: is_hiding(s) and any(h.masks_of(s)))
+    of_frame = lambda s: any(s.document.mask_of(kind) for kind in h.KINDS[:2])  # noqa: E731
+    controls.action("hide all", visible=lambda s: bool(s.document.scene.frames) and of_frame(s))
+    has_masks = lambda s: any(h.masks_of(s)) or bool(s.document.occluders)  # noqa: E731
+    controls.action("unhide", visible=lambda s: is_hiding(s) and has_masks(s))
     controls.html(lambda s: parts_left_out(s.document.mesh))
 
 

@@ -103,6 +103,7 @@ class PhotoScene:
                 not s.is_searching and s.search,
                 s.document.object.result,
                 s.document.view_index,
+                s.document.occluders,
             ),
             lambda s: _tint(occlusion_pixels(s), FOUND_COLOUR, HIDDEN_OPACITY),
         )
@@ -187,7 +188,7 @@ def _photo_pixels(session: Session) -> Picture:
 
 def _mask_tint(session: Session) -> Picture:
     """A tint over what is painted, stronger while it is."""
-    mask, painting = session.document.mask, session.tool in HIDING
+    mask, painting = session.document.painted, session.tool in HIDING
     opacity = HIDDEN_OPACITY_WHILE_PAINTED if painting else HIDDEN_OPACITY
     return _tint(None if mask is None else 1.0 - mask.weights, HIDDEN_COLOUR, opacity)
 

@@ -17,6 +17,7 @@ from poseviewer.app.workers.opening import has_demo_model
 from poseviewer.confidence.pose_covariance import short
 from poseviewer.files.mesh.size import size_words
 from poseviewer.geometry.camera import Parallel, Perspective
+from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.starts.point_pairs import fewest_pairs
 from poseviewer.starts.wheels import LONGER_FOCALS
@@ -362,16 +363,24 @@ def verdict_text(session: Session) -> str:
 
 def occlusion_text(session: Session) -> str:
     """Say how much of the photo is hidden (markdown); "" where nothing is."""
-    mask, occluders = session.document.mask, h.occlusion_pixels(session)
+    mask, occluders = session.document.painted, h.occlusion_pixels(session)
     lines = []
     if mask is not None:
-        lines.append(f"**{percent(1.0 - float(np.mean(mask.weights)), 1)}** of the photo is hidden")
+        text = f"**{_hidden_share(mask)}** of the photo is hidden"
+        of_all = [session.document.mask_of(kind, all_frames=True) for kind in h.KINDS[:2]]
+        if session.document.scene.frames and (of_all := Mask.product([*filter(None, of_all)])):
+            text += f", **{_hidden_share(of_all)}** in all frames"
+        lines.append(text)
     elif any(h.masks_of(session)):
         lines.append("What is painted counts all the same")
     if occluders is not None:
         share = percent(float(np.mean(occluders)), 1)
         lines.append(f"**{share}** were taken for something in front by the search (violet)")
     return "  \n".join(lines)
+
+
+def _hidden_share(mask: Mask) -> str:
+    return percent(1.0 - float(np.mean(mask.weights)), 1)
 
 
 def ends_table(comparison: LossComparison | None) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ from poseviewer.render.renderers import RendererName
 from poseviewer.scene.assets import ModelFile, PhotoFile
 from poseviewer.scene.sequence import show_frame
 from poseviewer.scene.settings import FitSettings
-from poseviewer.scene.types import InView, Scene, SceneObject, View
+from poseviewer.scene.types import Frame, InView, Scene, SceneObject, View
 from poseviewer.starts.placing import with_point_at
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.wheel_pose import MIN_RIM_POINTS, Ellipse, ellipse_through
@@ -35,6 +35,12 @@ from poseviewer.vehicle.wheel_pose import MIN_RIM_POINTS, Ellipse, ellipse_throu
 UNLOCK = "unlock it in the list of objects"
 
 WHEELS = 2
+MaskKind = Literal["photo", "object", "found"]
+"""Mask of a photo: the user's for all objects, or for the active one, or what was found in front
+of that.
+"""
+KEYS_OF_MASKS: Mapping[MaskKind, str] = {"photo": "mask", "object": "masks", "found": "occluders"}
+"""Fields of a frame that hold them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -245,30 +251,72 @@ class Document:
         return self.with_object(in_views=tuple(in_views))
 
     @property
-    def mask(self) -> Mask | None:
-        """Painted masks of the view and of the active object in it, unless settings ignore them."""
-        if self.settings.in_front == "nothing":
-            return None
-        return self.scene.with_object(self.active, result=None).mask(self.active, self.view_index)
-
-    def with_mask(self, mask: Mask | None, for_object: bool = False) -> Document:
-        """The document with another mask of the view, or of the active object in it; results of
-        searches that read a changed pixel are dropped.
+    def painted(self) -> Mask | None:
+        """The user's masks of the photo and of the active object in it, unless settings ignore
+        them.
         """
-        before = self.in_view.mask if for_object else self.view.mask
-        old, new = (1.0 if weights is None else weights.weights for weights in (before, mask))
+        is_ignored = self.settings.in_front == "nothing"
+        return None if is_ignored else self.scene.mask(self.active, self.view_index)
+
+    @property
+    def occluders(self) -> tuple[Mask, ...]:
+        """What earlier searches found in front of the active object, unless settings ignore it."""
+        is_ignored = self.settings.in_front != "find"
+        return () if is_ignored else self.scene.earlier_occluders(self.active, self.view_index)
+
+    @property
+    def mask(self) -> Mask | None:
+        """The pixels that count for the active object before a search: ``painted``, and without
+        ``occluders``.
+        """
+        return Mask.product((*filter(None, (self.painted,)), *self.occluders))
+
+    def mask_of(self, kind: MaskKind, all_frames: bool = False) -> Mask | None:
+        """The mask of a kind in the large photo; of a sequence in this frame, or in all of them."""
+        frame, name = self.scene.frame, self.object.id
+        if frame is None or all_frames:
+            own = {"photo": self.view.mask, "object": self.in_view.mask}
+            return own.get(kind, self.in_view.occluders)
+        own = {"photo": frame.mask, "object": frame.masks.get(name)}
+        return own.get(kind, frame.occluders.get(name))
+
+    def put_mask(
+        self, mask: Mask | None, kind: MaskKind = "photo", all_frames: bool = False
+    ) -> Document:
+        """The document with another ``mask_of`` a kind; results stay."""
+        frame, key = self.scene.frame, KEYS_OF_MASKS[kind]
+        if frame is not None and not all_frames:
+            if kind == "photo":
+                return self.with_frame(replace(frame, mask=mask))
+            others = {i: own for i, own in getattr(frame, key).items() if i != self.object.id}
+            own = {} if mask is None else {self.object.id: mask}
+            return self.with_frame(replace(frame, **{key: {**others, **own}}))
+        if kind != "photo":
+            return self.with_in_view(**{"occluders" if kind == "found" else "mask": mask})
+        views = list(self.scene.views)
+        views[self.view_index] = replace(self.view, mask=mask)
+        return replace(self, scene=replace(self.scene, views=tuple(views)))
+
+    def with_mask(
+        self, mask: Mask | None, kind: MaskKind = "photo", all_frames: bool = False
+    ) -> Document:
+        """The document with another ``mask_of`` a kind; results of searches that read a changed
+        pixel are dropped.
+        """
+        masks = self.mask_of(kind, all_frames), mask
+        old, new = (1.0 if weights is None else weights.weights for weights in masks)
         changed = np.broadcast_to(np.not_equal(old, new), (self.photo.height, self.photo.width))
-        document, views = (
-            self.with_in_view(mask=mask) if for_object else self,
-            list(self.scene.views),
-        )
-        if not for_object:
-            views[self.view_index] = replace(self.view, mask=mask)
-            document = replace(self, scene=replace(self.scene, views=tuple(views)))
-        for index in (self.active,) if for_object else range(len(self.states)):
+        document = self.put_mask(mask, kind, all_frames)
+        for index in range(len(self.states)) if kind == "photo" else (self.active,):
             if self._compares(index, changed):
                 document = document.with_object(index, result=None)
         return document
+
+    def with_frame(self, frame: Frame) -> Document:
+        """The document with another content of the shown frame."""
+        frames = list(self.scene.frames)
+        frames[self.scene.frame_index] = frame
+        return replace(self, scene=replace(self.scene, frames=tuple(frames)))
 
     def _compares(self, object_index: int, pixels: NDArray[np.bool_]) -> bool:
         """Whether a search for an object reads any of ``pixels`` (height, width) of the view."""
@@ -484,4 +532,9 @@ def loss_inputs(scene: Scene, object_index: int) -> tuple[object, ...]:
     occluders = (
         (o.mesh, o.world_from_model) for i, o in objects if i != object_index and o.is_occluder
     )
-    return scene.views, item.mesh, item.world_from_model, item.in_views, item.settings, *occluders
+    # Masks of a frame: those of the views and objects are in these.
+    frame = scene.frame
+    masks = () if frame is None else (frame.mask, frame.masks.get(item.id))
+    found = None if frame is None else frame.occluders.get(item.id)
+    own = scene.views, item.mesh, item.world_from_model, item.in_views, item.settings
+    return *own, *masks, found, *occluders

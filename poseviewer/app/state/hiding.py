@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from poseviewer.app.state.document import MaskKind
 from poseviewer.app.state.edits import drag_edit, edit
 from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError
@@ -18,6 +19,8 @@ from poseviewer.starts.placing import surface_hit
 
 Shape = Literal["brush", "polygon", "scribble"]
 SHAPES: tuple[Shape, ...] = ("brush", "polygon", "scribble")
+KINDS: tuple[MaskKind, ...] = ("photo", "object", "found")
+"""Kinds of masks, the user's first, and first those for all objects."""
 HIDING = (*SHAPES, "part")
 """Tools: three that draw on the photo, and one that leaves out a part of the model."""
 SUBPIXEL_BITS = 4
@@ -81,13 +84,14 @@ def mask_pixels(
     document, is_own = session.document, masks_one_object(session)
     if document.photo is not photo:
         return session
-    for for_object in (True,) if is_own else (False, True) if erase else (False,):
-        mask = document.in_view.mask if for_object else document.view.mask
+    # Strokes are added to the first kind, and erased from all.
+    for kind, all_frames in _masks(session, is_own)[: None if erase else 1]:
+        mask = document.mask_of(kind, all_frames)
         before = np.ones((photo.height, photo.width), np.float32) if mask is None else mask.weights
         weights = np.where(pixels, np.float32(erase), before)
         if not np.array_equal(weights, before):
             mask = None if np.all(weights == 1.0) else Mask.of(weights)
-            document = document.with_mask(mask, for_object)
+            document = document.with_mask(mask, kind, all_frames)
     if document is not session.document:
         if document.settings.in_front == "nothing" and not erase:
             settings = replace(document.settings, in_front="painted")
@@ -111,11 +115,24 @@ def toggle_hiding(session: Session) -> Session:
 @edit
 def unhide(session: Session) -> Session:
     """Unmask all pixels, or those that are masked for the active object alone."""
-    document, is_own = session.document, masks_one_object(session)
-    if not any(masks_of(session)[is_own:]):
-        return session
-    document = document.with_mask(None, for_object=True)
-    return session.with_document(document if is_own else document.with_mask(None))
+    document = session.document
+    for kind, all_frames in _masks(session, masks_one_object(session)):
+        if document.mask_of(kind, all_frames) is not None:
+            document = document.with_mask(None, kind, all_frames)
+    return session if document is session.document else session.with_document(document)
+
+
+@edit
+def hide_in_all_frames(session: Session) -> Session:
+    """Hide in all frames of a sequence what is painted in the one that is shown."""
+    document = session.document
+    for kind in KINDS[:2]:
+        mask = document.mask_of(kind)
+        if session.document.scene.frames and mask is not None:
+            known = document.mask_of(kind, all_frames=True)
+            both = Mask.product([mask] if known is None else [known, mask])
+            document = document.put_mask(None, kind).put_mask(both, kind, all_frames=True)
+    return session if document is session.document else session.with_document(document)
 
 
 @edit
@@ -146,14 +163,19 @@ def hide_found(session: Session) -> Session:
     occluded, document = occlusion_pixels(session), session.document
     if occluded is None:
         return session
-    result = document.object.result
-    if result is not None:  # stays valid: the same pixels were compared
+    result, mask = document.object.result, document.mask_of("object")
+    if result is not None and result.hidden:  # stays valid: the same pixels were compared
         hidden = list(result.hidden)
         hidden[document.view_index] = None
-        document = document.with_object(result=replace(result, hidden=tuple(hidden)))
-    mask = document.in_view.mask
+        result = replace(result, hidden=tuple(hidden))
+        document = document.with_object(result=result)
+        frame, name = document.scene.frame, document.object.id
+        if frame is not None and name in frame.poses:
+            pose = replace(frame.poses[name], result=result)
+            document = document.with_frame(replace(frame, poses={**frame.poses, name: pose}))
     weights = ~occluded if mask is None else mask.weights * ~occluded
-    return session.with_document(document.with_in_view(mask=Mask.of(weights)))
+    document = document.put_mask(Mask.of(weights), "object").put_mask(None, "found")
+    return session.with_document(document)
 
 
 def masks_one_object(session: Session) -> bool:
@@ -161,12 +183,29 @@ def masks_one_object(session: Session) -> bool:
     return session.pen.for_one and len(session.document.scene.objects) > 1
 
 
-def masks_of(session: Session) -> tuple[Mask | None, Mask | None]:
-    """Masks of the large view, and of the active object alone in it."""
-    return session.document.view.mask, session.document.in_view.mask
+def _masks(session: Session, is_own: bool) -> list[tuple[MaskKind, bool]]:
+    """Kinds of masks of the large photo, or of the active object alone in it, and whether each is
+    one of all frames.
+    """
+    layers = (False, True) if session.document.scene.frames else (False,)
+    return [(kind, all_frames) for kind in KINDS[is_own:] for all_frames in layers]
+
+
+def masks_of(session: Session) -> tuple[Mask | None, ...]:
+    """The user's masks of the large photo, for all objects and for the active one alone."""
+    masks = _masks(session, is_own=False)
+    return tuple(session.document.mask_of(*which) for which in masks if which[0] != "found")
 
 
 def occlusion_pixels(session: Session) -> NDArray[np.bool_] | None:
+    """(height, width): pixels that searches for the active object took for occluders."""
+    document = session.document
+    now = _pixels_of_search(session)
+    found = Mask.product((*document.occluders, *(() if now is None else (Mask.of(~now),))))
+    return None if found is None else found.weights == 0.0
+
+
+def _pixels_of_search(session: Session) -> NDArray[np.bool_] | None:
     """(height, width): pixels that the search for the current pose took for occluders."""
     document, progress = session.document, session.own_progress
     result, view_index = document.object.result, document.view_index

@@ -8,7 +8,7 @@ from poseviewer.app.state.display_edits import show_style, toggle_model
 from poseviewer.app.state.document_edits import redo, undo
 from poseviewer.app.state.edits import Edit, ReviewRow, SavePose, ShowHelp
 from poseviewer.app.state.frame_edits import step_frame
-from poseviewer.app.state.hiding import hide_found, toggle_hiding, unhide
+from poseviewer.app.state.hiding import hide_found, hide_in_all_frames, toggle_hiding, unhide
 from poseviewer.app.state.marking import clear_marks, remark_wheels, remove_mark
 from poseviewer.app.state.objects import add_object
 from poseviewer.app.state.pointer_edits import cancel_drag, set_tool, toggle_measuring
@@ -55,6 +55,7 @@ PROPOSE = "Look for starting poses, in the box, the region or the whole photo"
 SEARCH = "Start, stop the search"
 HIDE = "Hide what is in front: wheel brush size, alt erase"
 HIDE_FOUND = "Hide what the search took for something in front, to be corrected"
+HIDE_ALL = "What is painted in this frame hides these pixels in all of them"
 COMPARE = "Search from the start by one loss, then by the other, and set the ends side by side"
 MEASURE = "Measure points of models, and the distance of two"
 REGION = "Compare what lies in a rectangle alone"
@@ -127,6 +128,7 @@ ACTIONS: Mapping[str, Action] = {
         toggle_hiding(), "Fit", "Hide what is in front", HIDE, "H", "Done hiding", opens="always"
     ),
     "hide found": Action(hide_found(), "Fit", "Hide what the search found", HIDE_FOUND),
+    "hide all": Action(hide_in_all_frames(), "Fit", "Hide in all frames", HIDE_ALL),
     "unhide": Action(unhide(), "Fit", "Clear hidden areas", "Let all pixels count again"),
     "compare": Action(compare_losses(), "Fit", "Compare both losses", COMPARE),
     "region": Action(

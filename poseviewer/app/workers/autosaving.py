@@ -18,7 +18,7 @@ from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.demo import PLACES
 from poseviewer.files.keypoints import is_equal, keypoints_path, load_keypoints, save_keypoints
-from poseviewer.files.masks import mask_path, save_pose_and_mask
+from poseviewer.files.masks import mask_paths, save_pose_and_masks
 from poseviewer.files.scene_json import as_saved, pose_json, save_scene
 from poseviewer.files.state.autosave import (
     AutosavedSession,
@@ -107,7 +107,7 @@ class Autosaver:
         return None if is_own or not any(_times_on_disk(path)) else path
 
     def save(self, session: Session, beside: bool = False) -> tuple[Path, ...]:
-        """Write the pose file with its mask, or else the scene with copies of uploads. A file that
+        """Write the pose file with its masks, or else the scene with copies of uploads. A file that
         is replaced becomes a ``.bak`` file; ``beside`` takes a free name instead. Returns this
         file and the files of key points that were written.
 
@@ -120,12 +120,13 @@ class Autosaver:
             usual = self._usual_path(document)
             path = self._chosen[usual] = _next_free(usual)
         elif self.file_to_replace(document):
-            replaced = [file for file in (path, mask_path(path)) if file.exists()]
+            replaced = [file for file in (path, *mask_paths(path)) if file.exists()]
         for file in replaced:
             file.replace(file.with_suffix(f"{file.suffix}.bak"))
         try:
             if is_alone(document):
-                save_pose_and_mask(path, pose_json(as_saved(scene)), scene.mask(0))
+                masks = scene.mask(0), scene.occluders(0)
+                save_pose_and_masks(path, pose_json(as_saved(scene)), *masks)
             else:
                 save_scene(path, copy_out(path, as_saved(scene), self._state / "uploads"))
         except PoseViewerError:
@@ -181,8 +182,8 @@ def _save_keypoints(model: ModelFile) -> bool:
 
 
 def _times_on_disk(path: Path) -> list[int]:
-    """Times (ns) of a pose file and its mask; 0: there is none."""
-    return [f.stat().st_mtime_ns if f.exists() else 0 for f in (path, mask_path(path))]
+    """Times (ns) of a pose file and its masks; 0: there is none."""
+    return [f.stat().st_mtime_ns if f.exists() else 0 for f in (path, *mask_paths(path))]
 
 
 def _fingerprint(path: Path, document: Document) -> tuple[object, ...]:

@@ -10,7 +10,6 @@ from zipfile import ZipFile
 
 import cv2
 import numpy as np
-from msgspec import structs
 
 from poseviewer import api
 from poseviewer.app.state.document import Document, is_shown, label_of
@@ -25,12 +24,12 @@ from poseviewer.files.formats.sequence_export import (
     SequencePictures,
     export_sequence,
 )
-from poseviewer.files.masks import mask_as_png, mask_path
-from poseviewer.files.pose import pose_bytes
+from poseviewer.files.masks import pose_contents
 from poseviewer.files.scene_json import as_saved, pose_json
 from poseviewer.files.state.uploads import safe_path
 from poseviewer.files.writing import json_bytes
 from poseviewer.render.overlay.styles import SOLID_OPACITY, Picture
+from poseviewer.scene.sequence import as_still
 from poseviewer.scene.settings import settings_as_json
 from poseviewer.scene.types import ChartParameters, Scene, SearchResult
 from poseviewer.starts.measuring import measure_relative
@@ -122,13 +121,10 @@ def export(
     photo = document.scene.views[view].photo
     stem = _export_stem(document, view)
     if what == "pose":
-        name, scene = f"{stem}.pose.json", scene_to_save(session)
-        record = pose_json(as_saved(scene), document.active, view)
-        mask = scene.mask(document.active, view)
-        beside = mask_path(name).name
-        record = structs.replace(record, mask=None if mask is None else beside)
-        files = {} if mask is None else {beside: mask_as_png(mask)}
-        return {name: pose_bytes(Path(name), record), **files}
+        at, scene = (document.active, view), as_saved(scene_to_save(session))
+        masks = scene.mask(*at), scene.occluders(*at)
+        files = pose_contents(Path(f"{stem}.pose.json"), pose_json(scene, *at), *masks)
+        return {path.name: files[path] for path in reversed(files)}
     stem += ".undistorted" * (photo.undistortion is not None)
     if what == "overlay":
         picture = picture_of(document, session.display.style, session.display.opacity)
@@ -169,7 +165,7 @@ def _convert(what: str, session: Session, unit: str | None, notes: list[str]) ->
             options = ConvertOptions(object_id=1, unit=unit, overwrite=True)
             notes += export_sequence(kind, scene, out, options, pictures)[1]
         elif what in FORMATS:
-            scene = replace(scene, frames=(), frame_index=0)
+            scene = as_still(scene)
             if not FORMATS[what].several_objects:
                 scene = replace(scene, objects=(scene.objects[document.active],))
             options = ConvertOptions(image="0", object_id=1, unit=unit, overwrite=True)

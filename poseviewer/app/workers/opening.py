@@ -22,6 +22,7 @@ from poseviewer.geometry.camera import Camera, Parallel, Pose
 from poseviewer.geometry.lens import LensModel, same_undistortion
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.scene.assets import ModelFile, PhotoFile
+from poseviewer.scene.sequence import as_still
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import InView, Scene, View
 from poseviewer.starts import loading
@@ -184,11 +185,12 @@ def open_photo(now: Document, path: Path, calibration: Calibration | None = None
     same_pixels = photo.sha256 == before.photo.sha256 and same_undistortion(
         photo.undistortion, before.photo.undistortion
     )
-    mask = before.mask if same_pixels else None
+    shown = as_still(now.scene)
+    mask = shown.views[now.view_index].mask if same_pixels else None
     view = View(PhotoFile.of(photo, path), camera, mask=mask)
     objects = []
     for index, item in enumerate(now.scene.objects):
-        old, own = now.scene.pose(index, now.view_index), now.scene.in_view(index, now.view_index)
+        old, own = now.scene.pose(index, now.view_index), shown.in_view(index, now.view_index)
         if is_same:
             pose = with_camera(old, camera, item.mesh.centre)
         else:
@@ -199,12 +201,11 @@ def open_photo(now: Document, path: Path, calibration: Calibration | None = None
         scale = 1.0 if isinstance(old.camera, Parallel) else scale
         world_from_model = view.world_from_model(pose, scale)
         start = {"start": world_from_model, "start_cameras": (camera,)}
-        in_views = (InView(mask=own.mask if same_pixels else None),)
-        item = replace(item, in_views=in_views, is_placed=is_same and item.is_placed, result=None)
+        own = InView(mask=own.mask, occluders=own.occluders) if same_pixels else InView()
+        item = replace(item, in_views=(own,), is_placed=is_same and item.is_placed, result=None)
         objects.append(replace(item, world_from_model=world_from_model, **start))
     states = tuple(replace(state, marks={}) for state in now.states)
-    still = {"free_scale": False, "frames": (), "frame_index": 0}
-    scene = replace(now.scene, views=(view,), objects=tuple(objects), **still)
+    scene = replace(shown, views=(view,), objects=tuple(objects), free_scale=False)
     notes = notes_of(photo)
     if before.photo.undistortion is not None and calibration is None:
         distorted = "shown as taken, with its distortion; drop it with its file of cameras."
@@ -265,9 +266,12 @@ def open_pose(now: Document, path: Path) -> Document:
             file = PhotoFile.of(view.photo, document.view.path)
             shown = replace(document.view, file=file, mask=None)
             document = replace(document, scene=replace(now.scene, views=(shown,)))
-            document = document.with_mask(None, for_object=True)
+            document = document.with_mask(None, "object").with_mask(None, "found")
         if view.mask is not None:
-            document = document.with_mask(view.mask, for_object=len(now.scene.objects) > 1)
+            kind = "object" if len(now.scene.objects) > 1 else "photo"
+            document = document.with_mask(view.mask, kind)
+        for found in opened.earlier_occluders(0, opened.views.index(view)):
+            document = document.with_mask(found, "found")
     without = opened.objects[0].without
     document = document if without == now.object.without else document.without_parts(without)
     document = document.with_view(names.index(opened.views[0].name))

@@ -3,8 +3,6 @@
 from dataclasses import replace
 from pathlib import Path
 
-from msgspec import structs
-
 from poseviewer.files.checks import InputFile
 from poseviewer.files.formats.bop import BOP
 from poseviewer.files.formats.conversion import ConvertOptions, Format
@@ -12,19 +10,15 @@ from poseviewer.files.formats.gltf_export import GLTF
 from poseviewer.files.formats.matrices import DOPE, LINEMOD, MATRIX, OPENCV
 from poseviewer.files.formats.meshlab import MESHLAB
 from poseviewer.files.formats.reconstructions import COLMAP, NERFSTUDIO
-from poseviewer.files.masks import mask_as_png, mask_beside, mask_path
-from poseviewer.files.pose import load_pose, pose_bytes
+from poseviewer.files.masks import masks_beside, pose_contents
+from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_json import load_scene, pose_json, scene_contents, scene_of_pose
-from poseviewer.scene.types import Scene
+from poseviewer.scene.types import InView, Scene
 
 
 def write_own(scene: Scene, out: Path, *_: object) -> dict[Path, bytes]:
-    """Write a pose file of our own, and its mask beside it."""
-    mask, record = scene.views[0].mask, pose_json(scene)
-    if mask is None:
-        return {out: pose_bytes(out, record)}
-    record = structs.replace(record, mask=mask_path(out).name)
-    return {mask_path(out): mask_as_png(mask), out: pose_bytes(out, record)}
+    """Write a pose file of our own, and its masks beside it."""
+    return pose_contents(out, pose_json(scene), scene.mask(0), scene.occluders(0))
 
 
 def read_own(path: Path, request: ConvertOptions) -> Scene:
@@ -32,8 +26,10 @@ def read_own(path: Path, request: ConvertOptions) -> Scene:
     record = load_pose(path)
     scene = scene_of_pose(path, record)
     view = request.with_size(InputFile(path), scene.views[0])
-    mask, notes = mask_beside(path, record, (view.file.width, view.file.height))
-    return replace(scene, views=(replace(view, mask=mask),), notes=(*scene.notes, *notes))
+    size = view.file.width, view.file.height
+    mask, occluders, notes = masks_beside(path, record, size)
+    scene = replace(scene, views=(replace(view, mask=mask),), notes=(*scene.notes, *notes))
+    return scene.with_object(0, in_views=(InView(occluders=occluders),)) if occluders else scene
 
 
 FORMATS = {

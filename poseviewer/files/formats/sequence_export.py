@@ -33,7 +33,7 @@ from poseviewer.files.state.uploads import safe_path
 from poseviewer.files.video import save_video
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.lens import UPRIGHT
-from poseviewer.scene.sequence import show_frame
+from poseviewer.scene.sequence import as_still, show_frame
 from poseviewer.scene.types import Scene, SearchResult, View
 
 SEQUENCE_FORMATS = {"poseviewer": "", "bop": "", "csv": ".csv", "gltf": ".glb", "video": ".mp4"}
@@ -105,9 +105,9 @@ def export_sequence(
 def iterate_frames(scene: Scene) -> Iterator[tuple[int, Scene]]:
     """Yield index and scene of each frame, with those objects alone that have a pose there."""
     for index, frame in enumerate(scene.frames):
-        shown = show_frame(scene, index)
+        shown = as_still(show_frame(scene, index))
         objects = tuple(item for item in shown.objects if item.id in frame.poses)
-        yield index, replace(shown, objects=objects, frames=(), frame_index=0)
+        yield index, replace(shown, objects=objects)
 
 
 def sequence_table(scene: Scene) -> str:

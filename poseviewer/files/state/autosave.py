@@ -118,7 +118,7 @@ def load_autosave(path: Path) -> AutosavedSession:
             file.require_format(data, FORMAT, VERSION)
             if (frames := _frames_path(path)).exists():
                 file.object(data.get("scene"), "scene")["frames"] = _load_frames(frames)
-            form: Any = file.decode(data, of_session.kind, raw=("file", "mask"))
+            form: Any = file.decode(data, of_session.kind, raw=s.FILES)
             s.require_whole(file, form.scene)
             session: AutosavedSession = of_session.decode(form)
             session.scene.index(session.active_object)

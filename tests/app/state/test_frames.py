@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 from poseviewer.app.page.reports import meaning_of
+from poseviewer.app.page.texts import occlusion_text
 from poseviewer.app.state.camera_edits import set_field_of_view
+from poseviewer.app.state.display_edits import set_fields
+from poseviewer.app.state.document import Document
 from poseviewer.app.state.document_edits import redo, undo
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.frame_edits import (
@@ -16,14 +19,24 @@ from poseviewer.app.state.frame_edits import (
     propagation_advanced,
     step_frame,
 )
+from poseviewer.app.state.hiding import (
+    Stroke,
+    hide_found,
+    hide_in_all_frames,
+    masks_of,
+    occlusion_pixels,
+    paint,
+    unhide,
+)
 from poseviewer.app.state.history import MAX_OPENED
-from poseviewer.app.state.objects import add_object, remove_object
+from poseviewer.app.state.objects import add_object, pick_object, remove_object
 from poseviewer.app.state.pointer_edits import cancel_drag, drag_to, press, release
 from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.session import Session
+from poseviewer.files.scene_json import as_saved
 from poseviewer.fit.propagation import FrameStep
-from poseviewer.scene.sequence import key_indices
-from poseviewer.scene.types import FramePose
+from poseviewer.scene.sequence import key_indices, show_frame
+from poseviewer.scene.types import FramePose, SearchResult
 from tests.app.sequences import COUNT, make_sequence
 from tests.app.state.documents import after, make_session, refused
 
@@ -69,6 +82,84 @@ def mended() -> Session:
     """A key in frame 0, propagated to the end, and a key in frame 4."""
     session = propagated(after(make_frames_session(), RIGHT), *range(1, COUNT))
     return after(shown_at(session, 4), RIGHT)
+
+
+def hidden_in(session: Session) -> list[bool]:
+    """Whether a pixel is painted over, by frame."""
+    scene, shown = session.document.scene, []
+    for index in range(len(scene.frames)):
+        mask = show_frame(scene, index).mask(session.document.active)
+        shown.append(mask is not None and mask.weights[60, 60] == 0.0)
+    return shown
+
+
+def stroke(x: float = 60.5, erase: bool = False) -> Edit:
+    return paint(Stroke("brush", np.array([[x, 60.5]]), 5.0, erase))
+
+
+@pytest.mark.parametrize("for_one", [False, True])
+def test_what_is_painted_hides_in_its_frame_and_in_all_if_that_is_said(for_one):
+    session = after(make_frames_session(), add_object(), set_fields("pen", for_one=for_one))
+    painted = after(shown_at(session, 2), stroke())
+    assert hidden_in(painted) == [index == 2 for index in range(COUNT)]
+    assert painted.is_unsaved
+    assert hidden_in(after(painted, undo())) == [False] * COUNT
+    assert hidden_in(shown_at(painted, 3)) == hidden_in(painted)
+    assert after(shown_at(painted, 3), hide_in_all_frames()).document.scene.views[0].mask is None
+    everywhere = after(painted, hide_in_all_frames())
+    assert hidden_in(everywhere) == [True] * COUNT
+    assert not any(frame.mask or frame.masks for frame in everywhere.document.scene.frames)
+    assert "% of the photo is hidden" in occlusion_text(everywhere).replace("*", "")
+    assert "% in all frames" in occlusion_text(everywhere).replace("*", "")
+    other = after(everywhere, pick_object(1))
+    assert hidden_in(other) == [not for_one] * COUNT
+    # Erased and cleared is what is hidden in the shown frame, whatever hides it.
+    more = after(shown_at(everywhere, 4), stroke(90.5))
+    for edit in (stroke(erase=True), unhide()):
+        assert hidden_in(after(more, edit)) == [False] * COUNT
+    assert any(masks_of(after(more, stroke(erase=True))))
+    assert not any(masks_of(after(more, unhide())))
+    assert hidden_in(after(more, undo(), undo())) == hidden_in(painted)
+
+
+def test_what_a_search_found_in_front_belongs_to_its_frame():
+    session = after(shown_at(make_frames_session(), 1), RIGHT)
+    photo = session.document.photo
+    hidden = np.zeros((photo.height, photo.width), bool)
+    hidden[55:65, 55:65] = True
+    document = session.document
+    frame = document.scene.frames[1]
+    key = replace(frame.poses["1"], result=SearchResult(hidden=(hidden,)))
+    frame = replace(frame, poses={"1": key})
+    session = replace(session, document=document.with_frame(frame))
+
+    def is_found(now: Session) -> bool:
+        pixels = occlusion_pixels(now)
+        return pixels is not None and np.array_equal(pixels, hidden)
+
+    found = shown_at(shown_at(session, 0), 1)
+    assert is_found(found)
+    assert occlusion_pixels(shown_at(found, 0)) is None
+    taken = after(found, hide_found())
+    assert hidden_in(taken) == [index == 1 for index in range(COUNT)]
+    assert occlusion_pixels(shown_at(shown_at(taken, 2), 1)) is None
+    # Opened again, what was found is still no user's mask.
+    opened = Session(Document.of(as_saved(found.document.scene)))
+    assert hidden_in(opened) == [False] * COUNT
+    assert is_found(shown_at(opened, 1))
+    everywhere = after(shown_at(opened, 1), stroke(30.5), hide_in_all_frames())
+    assert hidden_in(everywhere) == [False] * COUNT
+    assert is_found(everywhere)
+    assert occlusion_pixels(after(everywhere, stroke(erase=True))) is not None
+    assert occlusion_pixels(after(everywhere, unhide())) is None
+
+
+def test_an_object_that_comes_later_has_no_mask_of_one_that_is_gone():
+    session = after(make_frames_session(), add_object(), set_fields("pen", for_one=True), stroke())
+    again = after(session, remove_object(2), add_object())
+    assert again.document.object.id == "2"
+    assert hidden_in(session)[0]
+    assert not any(hidden_in(again))
 
 
 def test_a_pose_that_is_placed_is_a_key_and_undo_takes_it_back():
