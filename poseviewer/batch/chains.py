@@ -45,9 +45,9 @@ SAVE_S = 10.0
 """Time after which an unfinished row writes what it has, s: a stopped one loses no more."""
 
 
-def open_chains(scene: Scene, folder: str | Path) -> Batch:
-    """Make the folder of results of a sequence, with a row for each chain; poses that are no keys
-    are left out.
+def open_chains(scene: Scene, folder: str | Path) -> tuple[Scene, Batch]:
+    """Make the folder of results of a sequence, with a row for each chain; also return the sequence
+    that its chains start from, without poses that are no keys.
 
     Raises:
         SettingsError: the scene is no sequence, or has no keys.
@@ -74,7 +74,7 @@ def open_chains(scene: Scene, folder: str | Path) -> Batch:
         key = hashlib.sha256(b"".join(contents.values())).hexdigest()[:KEY_LENGTH]
         name = scene.frames[first].file.name
         jobs.append(Job(row, name, "", start, str(folder), key))
-    return Batch(folder, tuple(jobs))
+    return scene, Batch(folder, tuple(jobs))
 
 
 def run_chain(job: Job, plan: Batch, threads: int = 1) -> JobResult:
@@ -119,15 +119,14 @@ def run_chain(job: Job, plan: Batch, threads: int = 1) -> JobResult:
     return save_result(plan.folder, job, result)
 
 
-def save_sequence(batch: Batch) -> tuple[Scene, list[str]]:
-    """Write the sequence with the poses of all rows so far, and the tables of poses and of rows.
+def save_sequence(scene: Scene, batch: Batch) -> tuple[Scene, list[str]]:
+    """Write a sequence of ``open_chains`` with the poses of all rows so far, and the tables of
+    poses and of rows.
 
     Returns:
         The sequence, and notes on where poses end or jump.
     """
-    path = batch.folder / SEQUENCE
-    scene, rows = load_scene(path), batch.rows()
-    frames = list(scene.frames)
+    rows, frames = batch.rows(), list(scene.frames)
     for job in batch.jobs:
         pose_name, _ = result_files(job)
         first = int(Path(job.start).stem.split("-")[0])
@@ -136,7 +135,7 @@ def save_sequence(batch: Batch) -> tuple[Scene, list[str]]:
                 poses = {**frame.poses, **frames[index].poses}
                 frames[index] = replace(frames[index], poses=poses)
     scene = show_frame(replace(scene, frames=tuple(frames)), scene.frame_index)
-    save_scene(path, as_saved(scene))
+    save_scene(batch.folder / SEQUENCE, as_saved(scene))
     write_whole(batch.folder / POSE_TABLE, sequence_table(scene).encode(), BatchError)
     save_table(batch.folder, rows)
     notes = [line for row in rows for line in row.result.reasons.split("\n") if line]

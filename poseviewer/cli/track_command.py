@@ -56,7 +56,7 @@ def run(options: Namespace) -> int:
     scene = _open(options)
     for note in () if options.quiet else scene.notes:
         tell(f"note: {note}")
-    batch = open_chains(scene, options.out)
+    start, batch = open_chains(scene, options.out)
     to_do = batch.to_do()
     if (done := len(batch.jobs) - len(to_do)) and not options.quiet:
         tell(f"{done} of {len(batch.jobs)} chains were done before.")
@@ -64,7 +64,7 @@ def run(options: Namespace) -> int:
     job = partial(run_chain, threads=max(1, processors() // processes))
     how = {"scheduler": options.scheduler, "processes": processes, "run": job}
     stopped = take_all(run_batch(batch, to_do, **how), len(to_do), options.quiet)
-    scene, notes = save_sequence(batch)
+    scene, notes = save_sequence(start, batch)
     for note in notes:
         say(note)
     failed = [row for row in batch.rows() if row.result.failed]

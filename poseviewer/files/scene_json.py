@@ -437,7 +437,8 @@ def save_scene(path: str | Path, scene: Scene) -> None:
             a file cannot be written.
     """
     for file, content in scene_contents(Path(path), scene).items():
-        write_whole(file, content, PoseFileError)
+        # Masks of a scene that was read are its own.
+        write_whole(file, content, PoseFileError, is_own=file != Path(path))
 
 
 def scene_contents(path: Path, scene: Scene) -> dict[Path, bytes]:

@@ -1,23 +1,33 @@
 """``poseviewer track``: chains of a sequence as rows, whose results make the whole again."""
 
+import json
 import os
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from poseviewer.api import load
 from poseviewer.errors import SettingsError
-from poseviewer.files.pose import PoseRecord, save_pose
+from poseviewer.files.masks import load_mask
+from poseviewer.files.photo import save_image
+from poseviewer.files.pose import PoseRecord, load_pose, save_pose
 from poseviewer.files.scene_json import load_scene, save_scene
 from poseviewer.files.writing import sha256_of
+from poseviewer.fit.problem import make_problem
+from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.scene.sequence import show_frame
+from poseviewer.scene.types import PlacedModel, Scene
+from poseviewer.starts.loading import open_scene_files
 from tests.commands import read_rows, refusal, run
 from tests.ctrl_c import ctrl_c_ends_them
-from tests.moving import ball, off, sequence, write_sequence
+from tests.moving import ball, box, off, sequence, write_sequence
 
 
 @pytest.fixture
@@ -112,6 +122,96 @@ def test_frames_that_are_no_longer_those_of_their_poses_are_said(tmp_path, capsy
     photo.write_bytes(photo.read_bytes() + b"another picture")
     assert run("track", path, "--out", tmp_path / "out") == 0
     assert "note: 1 of 1 frames are other pictures than" in capsys.readouterr().err
+
+
+POST = slice(136, 162)
+"""Columns of the second frame's photo that a post covers."""
+
+
+def write_case(folder: Path, placed: Sequence[Callable[[float], PlacedModel]]) -> list[Path]:
+    """Write three frames, with a post before the ball in the second, a mask, and poses off there;
+    return the pose files.
+    """
+    scene = sequence({1: [one(1) for one in placed]}, drawn=tuple(placed), count=3)
+    frames = write_sequence(folder, scene).with_name("frames")
+    pixels = scene.frames[1].file.photo.pixels.copy()
+    noise = np.random.default_rng(0).normal(0.0, 6.0, (*pixels[:, POST].shape[:2], 3))
+    pixels[:, POST] = np.clip(np.array([70, 110, 60]) + noise, 0, 255)
+    save_image(frames / "1.png", pixels)
+    counts = np.full((*pixels.shape[:2], 3), 255, np.uint8)
+    counts[-40:] = 0
+    save_image(folder / "mask.png", counts)
+    poses = []
+    for name, one in zip("ab", (one(1) for one in placed), strict=False):
+        off_by = np.array([0.03, -0.03, 0.02, 0.02, -0.02, 0.02])
+        start = FreeBodyChart.near(one.mesh, one.pose).to_pose(off_by)
+        poses.append(folder / f"{name}.start.json")
+        save_pose(poses[-1], PoseRecord.of(start))
+    return poses
+
+
+def covers_post(scene: Scene, index: int) -> bool:
+    """Tell whether pixels of the post are left out in a frame."""
+    weights = make_problem(show_frame(scene, index))[0].views[0].photo.weights
+    _, width = weights.shape
+    left, right = (round(column * width / 320) for column in (POST.start, POST.stop))
+    middle = slice(weights.shape[0] * 2 // 5, weights.shape[0] * 3 // 5)
+    return bool(np.mean(weights[middle, left + 1 : right - 1] == 0.0) > 0.5)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize("mask", ["", "of its frame", "of all frames"])
+def test_the_whole_way_from_a_fit_in_the_middle_to_an_audit(tmp_path, monkeypatch, capsys, mask):
+    monkeypatch.chdir(tmp_path)
+    (start,) = write_case(tmp_path, [ball])
+    masked = ["--mask", "mask.png"] if mask else []
+    line = "fit frames/1.png a.ply --out key.json --quiet --pose", start, *masked
+    assert run(*line) == 0
+    record = load_pose("key.json")
+    assert record.mask == ("key.mask.png" if mask else None)
+    assert record.occluders == "key.occluders.png"  # the post
+    line = ["track frames a.ply --pose key.json --key 2 --out out"]
+    line += ["--mask-all-frames"] if mask == "of all frames" else []
+    assert run(*line) == 0
+    assert ("hides pixels of 1.png alone" in capsys.readouterr().err) == (mask == "of its frame")
+    assert len(read_rows(tmp_path / "out" / "results.csv")) == 2
+    scene = open_scene_files("out/scene.json")
+    for index in range(3):
+        hidden = [] if scene.views[0].mask is None else [scene.views[0].mask]
+        assert len(hidden) == (mask == "of all frames")
+        assert covers_post(scene, index) == (index == 1)
+        assert off(scene, index, ball(index), "1") < 3.0
+    # The same again, from what it wrote; then on to other tools, and to an audit.
+    assert run("track out/scene.json --out out --quiet") == 0
+    assert run("convert out/scene.json bop --to bop --unit mm --object 5") == 0
+    assert [*json.loads(Path("bop/scene_gt.json").read_text())] == ["0", "1", "2"]
+    assert len([*Path("bop/mask_visib").glob("*.png")]) == 3
+    assert run("convert out/scene.json poses --to poseviewer") == 0
+    masks = {path.name for path in Path("poses").glob("*.png")}
+    wanted = {"": set(), "of its frame": {"1"}, "of all frames": {"0", "1", "2"}}[mask]
+    assert masks == {f"{name}.mask.png" for name in wanted} | {"1.occluders.png"}
+    assert run("audit out/scene.json --out audited --quiet --evaluations 300") == 0
+    rows = read_rows(tmp_path / "audited" / "results.csv")
+    assert [row["finding"] for row in rows] == [""] * 3
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("here")
+def test_the_whole_way_of_two_objects_with_a_mask(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_case(tmp_path, [ball, lambda index: box(index - 8)])
+    scene = load_scene("scene.json")
+    frame = replace(scene.frames[1], mask=load_mask("mask.png"))
+    save_scene("scene.json", replace(scene, frames=(scene.frames[0], frame, scene.frames[2])))
+    assert run("track scene.json --out out --quiet") == 0
+    tracked = load_scene("out/scene.json")
+    assert [sorted(frame.poses) for frame in tracked.frames] == [["a", "b"]] * 3
+    assert [bool(frame.mask) for frame in tracked.frames] == [False, True, False]
+    assert len(read_rows(tmp_path / "out" / "results.csv")) == 2
+    assert run("track out/scene.json --out out --quiet") == 0
+    assert run("audit out/scene.json --out audited --quiet --evaluations 300") == 0
+    assert len(read_rows(tmp_path / "audited" / "results.csv")) == 6
 
 
 @pytest.mark.slow

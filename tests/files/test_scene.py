@@ -14,7 +14,7 @@ from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.masks import mask_as_png
 from poseviewer.files.scene_assets import view_of_file
-from poseviewer.files.scene_json import form_of, load_scene, save_scene
+from poseviewer.files.scene_json import as_saved, form_of, load_scene, save_scene
 from poseviewer.files.state.uploads import copy_out
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.rectangle import Rectangle
@@ -125,6 +125,20 @@ def test_a_mask_of_another_size_is_said(path, tmp_path):
     (tmp_path / "three.scene.1.mask.png").write_bytes(mask_as_png(Mask.of(np.ones((10, 20)))))
     with pytest.raises(PoseViewerError, match=r"20x10 px, the photo three\.png has 320x240"):
         open_scene_files(path)
+
+
+def test_a_scene_with_masks_is_saved_over_itself(path):
+    mask = Mask.of(np.tri(240, 320))
+    hidden = (~np.tri(240, 320, 5, bool),)
+    scene = load_scene(path)
+    scene = scene.with_object(0, in_views=(InView(mask=mask),), result=SearchResult(hidden=hidden))
+    save_scene(path, as_saved(scene))
+    for _ in range(2):
+        again = load_scene(path)
+        assert np.array_equal(again.mask(0).weights, mask.weights)
+        (found,) = again.earlier_occluders(0)
+        assert np.array_equal(found.weights == 0.0, hidden[0])
+        save_scene(path, as_saved(again))
 
 
 def test_files_are_sought_where_they_may_lie(path, tmp_path):
