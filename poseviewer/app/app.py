@@ -16,7 +16,7 @@ from poseviewer.app.page.reports import newest_drags
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.document import Document
-from poseviewer.app.state.edits import Edit, ReviewRow, SavePose, ShowHelp
+from poseviewer.app.state.edits import AskNumbers, Edit, ReviewRow, SavePose, ShowHelp
 from poseviewer.app.state.hiding import forget_strokes
 from poseviewer.app.state.pointer_edits import cancel_drag, update
 from poseviewer.app.state.results import Preparation
@@ -142,6 +142,8 @@ class App:
                 self._save(on_taken)
             case ShowHelp(client):
                 self._page.show_help(client)
+            case AskNumbers(what, client):
+                self._page.ask_numbers(what, client)
             case ReviewRow() if self._review is not None:
                 self._tasks.add(self._review.make_task(request))
             case Restore(wanted):

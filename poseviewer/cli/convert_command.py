@@ -4,7 +4,6 @@ assets/docs/formats.md.
 
 from __future__ import annotations
 
-import json
 from argparse import Namespace
 from dataclasses import replace
 from functools import partial
@@ -80,7 +79,9 @@ def run(options: Namespace) -> int:
             scene = as_still(scene)
         files, notes = FORMATS[name].convert(scene, options.out, request)
         if name == "bop":
-            notes += _write_masks(scene, options.out, request)
+            from poseviewer.figures.object_maps import write_masks
+
+            notes += write_masks(scene, options.out, request)
     for note in notes:
         say(f"note: {note}")
     for path in files:
@@ -106,33 +107,6 @@ def _convert_sequence(
 
     pictures = SequencePictures(draw, partial(pictures_of_objects, masks_alone=True))
     return export_sequence(options.out_format, scene, options.out, request, pictures)
-
-
-def _write_masks(scene: Scene, out: Path, request: ConvertOptions) -> list[str]:
-    """Write masks and ``scene_gt_info.json`` of a BOP scene; return notes on those left out."""
-    from poseviewer.figures.object_maps import INFO, pictures_of_objects, save_pictures
-    from poseviewer.files.formats.bop import POSES, image_number, load_scene_file, scene_text
-
-    if not all(item.model.location.is_file() for item in scene.objects):
-        return [f"{INFO} and masks are not written: a model is not there; add --model FILE."]
-    infos = load_scene_file(out / INFO)
-    poses = load_scene_file(out / POSES)
-    notes = []
-    views = scene.views[:1] if len(scene.objects) > 1 else scene.views
-    for view_index, view in enumerate(views):
-        number = image_number(scene, request, view_index)
-        pictures = pictures_of_objects(replace(scene, views=(view,)), number, masks_alone=True)
-        new = json.loads(pictures.pop(INFO))
-        is_there = str(number) in infos or any((out / name).exists() for name in pictures)
-        if len(poses[str(number)]) != len(scene.objects):
-            notes.append(f"Image {number} has other objects: {INFO} and masks stay as they are.")
-        elif is_there and not (request.overwrite or len(scene.objects) > 1):
-            notes.append(f"{INFO} and masks of image {number} are there; add --overwrite.")
-        else:
-            infos |= new
-            save_pictures(out, pictures, overwrite=True)
-    save_pictures(out, {INFO: scene_text(infos).encode()}, overwrite=True)
-    return notes
 
 
 def _request(options: Namespace) -> ConvertOptions:

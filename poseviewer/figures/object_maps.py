@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.formats.bop import scene_text
-from poseviewer.files.formats.conversion import metres_per_unit
+from poseviewer.files.formats.bop import POSES, image_number, load_scene_file, scene_text
+from poseviewer.files.formats.conversion import ConvertOptions, metres_per_unit
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.fit.visibility import depth_image, visibility_of_depths
 from poseviewer.geometry.arrays import FloatArray
@@ -133,6 +133,30 @@ def save_pictures(folder: Path, pictures: Mapping[str, bytes], overwrite: bool) 
     for name, data in pictures.items():
         make_folder((folder / name).parent)
         write_whole(folder / name, data, PoseFileError)
+
+
+def write_masks(scene: Scene, out: Path, options: ConvertOptions) -> list[str]:
+    """Write masks and ``scene_gt_info.json`` of a BOP scene; return notes on those left out."""
+    if not all(item.model.location.is_file() for item in scene.objects):
+        return [f"{INFO} and masks are not written: a model is not there; add --model FILE."]
+    infos = load_scene_file(out / INFO)
+    poses = load_scene_file(out / POSES)
+    notes = []
+    views = scene.views[:1] if len(scene.objects) > 1 else scene.views
+    for view_index, view in enumerate(views):
+        number = image_number(scene, options, view_index)
+        pictures = pictures_of_objects(replace(scene, views=(view,)), number, masks_alone=True)
+        new = json.loads(pictures.pop(INFO))
+        is_there = str(number) in infos or any((out / name).exists() for name in pictures)
+        if len(poses[str(number)]) != len(scene.objects):
+            notes.append(f"Image {number} has other objects: {INFO} and masks stay as they are.")
+        elif is_there and not (options.overwrite or len(scene.objects) > 1):
+            notes.append(f"{INFO} and masks of image {number} are there; add --overwrite.")
+        else:
+            infos |= new
+            save_pictures(out, pictures, overwrite=True)
+    save_pictures(out, {INFO: scene_text(infos).encode()}, overwrite=True)
+    return notes
 
 
 def _in_16_bits(values: NDArray, mask: NDArray[np.bool_]) -> NDArray[np.uint16]:

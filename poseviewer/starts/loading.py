@@ -124,6 +124,7 @@ def open_photo_scene(
         opened, record, of_camera = _match_start(opened, record)
         checks = check_against(record.photo, opened.sha256)
         checks += check_against(record.model, model.sha256)
+        model = replace(model, unit=(record.model and record.model.unit) or model.unit)
         known, of_parts = _known_parts(model, record.without)
         without += known
         notes = (*record.warnings, *checks, *of_camera, *of_parts)
@@ -282,6 +283,7 @@ def open_scene_files(scene: str | Path | Scene, settings: FitSettings | None = N
     _require_one_unit(scene, models)
     for item in scene.objects:
         model = models.get(item.model.path, item.model)
+        model = replace(model, unit=item.model.unit or model.unit)
         known, of_parts = _known_parts(model, item.without)
         reference = ModelReference(model.name, item.model.sha256)
         notes += [*check_against(reference, model.sha256), *of_parts]

@@ -1,7 +1,9 @@
 """The list of several objects in one photo, in real Chromium."""
 
+import json
 import re
 from pathlib import Path
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -83,3 +85,24 @@ def test_objects_are_removed_added_placed_hidden_and_picked(browser: Browser, tm
             names.add(download.value.suggested_filename)
         assert len(names) == 2
         assert all(name.startswith("three.") for name in names)
+        # BOP's numbers are asked for; those that files do not say are guessed.
+        tab.page.get_by_label("Format", exact=True).first.click()
+        tab.page.get_by_role("option", name="bop", exact=True).click()
+        tab.page.get_by_label("Model's unit").first.click()
+        tab.page.get_by_role("option", name="cm", exact=True).click()
+        tab.page.get_by_role("button", name="Export as ...").click()
+        asked = tab.page.get_by_role("dialog").filter(has_text="Numbers in BOP")
+        fields = asked.locator("input")
+        tab.until(lambda: fields.count() >= 3)
+        said = [fields.nth(i).input_value() for i in range(fields.count())]
+        assert said == [str(number) for number in range(fields.count())]
+        fields.nth(0).fill("12")
+        fields.nth(2).fill("34")
+        fields.nth(2).press("Tab")
+        with tab.page.expect_download() as download:
+            asked.get_by_role("button", name="Export").click()
+        bop = ZipFile(download.value.path())
+        (place,) = (name for name in bop.namelist() if name.endswith("/scene_gt.json"))
+        poses = json.loads(bop.read(place))
+        assert [pose["obj_id"] for pose in poses["12"]][:2] == [1, 34]
+        assert any(name.endswith("/mask_visib/000012_000001.png") for name in bop.namelist())

@@ -46,7 +46,7 @@ def distance_text(session: Session) -> str:
         text = with_deviation(*measure_distance(scene, *points))
     except SettingsError:
         return "not known under parallel projection"
-    return f"{text} {(item.mesh.unit if is_in_models else scene.unit) or ''}".strip()
+    return f"{text} {(item.model.unit if is_in_models else scene.unit) or ''}".strip()
 
 
 def measurement_html(session: Session) -> str:
@@ -64,7 +64,7 @@ def measurement_html(session: Session) -> str:
         values = [point.coordinates[i] for point in points]
         rows.append((name, *map(with_deviation, values, stds)))
     rows += [("distance", distance_text(session))] * (len(points) > 1)
-    unit = document.mesh.unit or "the model's unit"
+    unit = document.model.unit or "the model's unit"
     return _table(f"Measured points, in {unit}", rows, "\n".join(map("\t".join, rows)))
 
 
@@ -116,6 +116,6 @@ def relative_html(session: Session) -> str:
         ("distance", with_deviation(pose["distance"], pose.get("distance_std"))),
         ("angle", f"{with_deviation(pose['degrees'], pose.get('degrees_std'))}°"),
     ]
-    unit = document.scene.objects[other].mesh.unit or "the model's unit"
+    unit = document.scene.objects[other].model.unit or "the model's unit"
     copied = "\n".join(" ".join(map(repr, vector)) for vector in vectors)
     return _table(f"{label_of(document.object)} in the frame of {frame}, in {unit}", rows, copied)

@@ -1,6 +1,7 @@
 """The page: panels left and right, the photo in the middle, notices; brought to each session."""
 
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +20,17 @@ from poseviewer.app.page.rows import add_rows
 from poseviewer.app.page.strip import show_strip
 from poseviewer.app.page.texts import first_text, hint_of
 from poseviewer.app.reviewing import Reviewer
+from poseviewer.app.state.document import label_of
 from poseviewer.app.state.edits import SavePose
 from poseviewer.app.state.hiding import SHAPES
 from poseviewer.app.state.keys_and_buttons import client_keys, help_table
 from poseviewer.app.state.marking import MARKING
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.tasks import Restore, TaskResult
+from poseviewer.app.workers.exporting import OF_FRAMES
+from poseviewer.app.workers.tasks import Restore, TaskResult, download
 from poseviewer.files.file_set import MAX_FILES
+from poseviewer.files.formats.bop import likely_numbers
+from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.files.state.uploads import MAX_UPLOAD_BYTES
 
@@ -39,6 +44,8 @@ MAPS_S = 0.2
 """Least time between two updates of the maps, which are larger."""
 NOTICE_S = 6.0
 """Seconds after which a notice goes: it lies over the photo."""
+MAX_NUMBER = 10**15
+"""Largest number of an image or object that a field takes: browsers hold such numbers exactly."""
 PAGE_CONFIG = {
     "plane": {"depth": DEPTH, "side": SIDE},
     "steps": list(STEPS),
@@ -192,6 +199,27 @@ class Page:
             with tab.gui.add_modal("Keys and mouse") as modal:
                 tab.gui.add_markdown(help_table())
                 tab.gui.add_button("Close").on_click(lambda _, modal=modal: close_modal(modal))
+
+    def ask_numbers(self, what: str, client: int) -> None:
+        """Ask on a page for the numbers of image and objects in BOP, then download."""
+        scene, tab = self._controls.session.document.scene, self._server.get_clients().get(client)
+        if tab is None:
+            return
+        named, numbers = likely_numbers(scene)
+        add = partial(tab.gui.add_number, min=0, max=MAX_NUMBER, step=1)
+        with tab.gui.add_modal("Numbers in BOP") as modal:
+            image = None if what in OF_FRAMES else add("Image", named or 0)
+            objects = zip(scene.objects, numbers, strict=True)
+            fields = [add(label_of(item), number) for item, number in objects]
+
+            def send(_: viser.GuiEvent) -> None:
+                said = None if image is None or image.value == named else f"{image.value}"
+                ids = tuple(field.value for field in fields)
+                close_modal(modal)
+                self._post(download(what, client, ConvertOptions(image=said, object_ids=ids)))
+
+            tab.gui.add_button("Export", color="cyan").on_click(send)
+            tab.gui.add_button("Close", color="gray").on_click(lambda _: close_modal(modal))
 
     def offer(self, offer: AutosavedSession) -> None:
         """Offer above the steps, where it interrupts nothing, what an earlier session left."""

@@ -36,15 +36,16 @@ from poseviewer.app.state.camera_edits import (
 )
 from poseviewer.app.state.display_edits import show_style
 from poseviewer.app.state.document import is_alone
+from poseviewer.app.state.edits import AskNumbers
 from poseviewer.app.state.keys_and_buttons import ACTIONS, STYLES
 from poseviewer.app.state.marking import MARKING
-from poseviewer.app.state.objects import alter_object
+from poseviewer.app.state.objects import alter_object, set_unit, unit_of_models
 from poseviewer.app.state.pointer_edits import set_tool
 from poseviewer.app.state.pose_edits import pose_numbers, set_number, set_parameter, view_from
 from poseviewer.app.state.proposal_edits import propose_starts
 from poseviewer.app.state.search_edits import alter_settings, find_focal_length, set_loss, take_end
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.exporting import CONVERTED, OF_FRAMES
+from poseviewer.app.workers.exporting import CONVERTED, OF_FRAMES, WITH_NUMBERS
 from poseviewer.app.workers.tasks import Request, download, find_wheels_in_region
 from poseviewer.files.camera_trees import TREES
 from poseviewer.files.formats.conversion import METRES
@@ -56,6 +57,7 @@ from poseviewer.geometry.lens import COEFFICIENTS
 from poseviewer.scene.settings import LOSSES, SEARCHES
 from poseviewer.starts.placing import SIDES
 
+UNIT_HINT = "Saved with the pose; formats that have a unit of their own need it"
 MAX_PARAMETERS = 10
 """Most parameters of any chart: six, focal length, principal point, size; others are hidden."""
 NUMBERS = "X", "Y", "Z", "turn x", "turn y", "turn z", "scale"
@@ -426,10 +428,14 @@ def add_saving(controls: Controls) -> None:
     kind = controls.gui.add_dropdown("Format", tuple(CONVERTED))
     of_frames = lambda s: (*(OF_FRAMES if s.document.scene.frames else ()), *CONVERTED)  # noqa: E731
     controls.add(kind, options=of_frames)
-    unit = controls.gui.add_dropdown("Model's unit", ("as it says", *METRES))
-    controls.button(
-        "Export as ...", lambda _, to: download(kind.value, to, unit.value), icon="share"
-    )
+    units = {None: "not said", **{name: name for name in METRES}}
+    controls.dropdown("Model's unit", units, set_unit, unit_of_models, UNIT_HINT)
+
+    def export_as(_: Session, client: int) -> Request:
+        what = kind.value
+        return (AskNumbers if what in WITH_NUMBERS else download)(what, client)
+
+    controls.button("Export as ...", export_as, icon="share")
 
 
 STEPS = {

@@ -79,7 +79,7 @@ def result_html(session: Session) -> str:
         f'<button type="button" data-copy="{escape(text)}">{name}</button>'
         for name, text in copies_of(session).items()
     )
-    name, unit = escape(label_of(document.object)), document.mesh.unit or "the model's unit"
+    name, unit = escape(label_of(document.object)), document.model.unit or "the model's unit"
     if deviations and source == "assumed":
         unit += f"; all ± hold if {numbers['focal']:,.0f} px is right"
     return (
@@ -99,7 +99,7 @@ def source_of(photo: Photo, camera: Camera) -> str:
 
 def unit_of(session: Session, name: str) -> str:
     """Unit of one of ``pose_numbers``."""
-    unit = session.document.mesh.unit or "unit"
+    unit = session.document.model.unit or "unit"
     of_camera = {"scale": f"px per {unit}", "focal": "px"}
     return "°" if name.startswith("turn") else of_camera.get(name, unit)
 
@@ -119,7 +119,7 @@ def copies_of(session: Session) -> dict[str, str]:
     """Texts of the pose: 4 x 4 matrix; quaternion w x y z and translation; pose file."""
     document, pose = session.document, session.document.pose
     rigid, model = pose.camera_from_model, document.model
-    reference = ModelReference(model.name, model.sha256, model.mesh.unit)
+    reference = ModelReference(model.name, model.sha256, model.unit)
     photo = PhotoReference(file=document.photo.name, sha256=document.photo.sha256)
     record = PoseRecord.of(pose, photo, model=reference)
     return {

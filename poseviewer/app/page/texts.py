@@ -352,7 +352,7 @@ def verdict_text(session: Session) -> str:
     )
     covariance, sure = session.covariance_in(session.document.view_index), ""
     if covariance is not None:
-        unit = session.document.mesh.unit or "units"
+        unit = session.document.model.unit or "units"
         by_axis = {name: value for name, value in deviations_of(session).items() if name in "XYZ"}
         words = "".join(f"{name} ±{short(value)} {unit}, " for name, value in by_axis.items())
         words = plain(words + covariance.words(unit, without=("depth", "sideways")))

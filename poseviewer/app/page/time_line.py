@@ -122,7 +122,7 @@ def _motion_graph(session: Session, box: str) -> str:
 
 def _draw_curves(session: Session) -> list[tuple[str, str]]:
     """Heading (HTML) and SVG of the curves of rotation, and of translation."""
-    unit = session.document.mesh.unit or "units"
+    unit = session.document.model.unit or "units"
     frames, values, deviations = _measure_motion(session)
     drawn = []
     for name, part in (("rotation, °", slice(0, 3)), (f"translation, {unit}", slice(3, 6))):

@@ -51,6 +51,14 @@ class ShowHelp:
 
 
 @dataclass(frozen=True, slots=True)
+class AskNumbers:
+    """Request to ask on one page for the numbers of image and objects in a download."""
+
+    what: str
+    client: int
+
+
+@dataclass(frozen=True, slots=True)
 class ReviewRow:
     """Request to open a row of a review, or to decide on the row that is open."""
 

@@ -19,8 +19,9 @@ def store_changed_poses(before: Document, now: Document) -> Document:
     if not scene.frames or scene.frames is not old.frames:
         return now
     was = {item.id: item for item in old.objects}
-    models = {item.id: item.model for item in scene.objects}
-    gone = {name for name, item in was.items() if models.get(name) != item.model}
+    # The unit is what is said of a model, not another model.
+    models = {item.id: replace(item.model, unit=None) for item in scene.objects}
+    gone = {name for name, own in was.items() if models.get(name) != replace(own.model, unit=None)}
     if gone:
         scene = change_poses(scene, lambda name, pose: None if name in gone else pose)
         scene = replace(

@@ -7,6 +7,7 @@ from poseviewer.app.state.document import Document, ObjectState
 from poseviewer.app.state.edits import edit
 from poseviewer.app.state.session import Session, is_in_sight
 from poseviewer.errors import SettingsError
+from poseviewer.files.formats.conversion import METRES, ConvertOptions
 from poseviewer.scene.assets import ModelFile
 from poseviewer.scene.types import InView, SceneObject
 from poseviewer.starts.placing import look_from
@@ -84,6 +85,23 @@ def alter_object(session: Session, object_id: int, **changes: Any) -> Session:
         return session
     key = f"{min(texts)} {object_id}" if texts else None
     return session.with_document(session.document.with_object(index, **changes), key)
+
+
+@edit
+def set_unit(session: Session, unit: str | None) -> Session:
+    """Say the length unit of all models; None: it is not known."""
+    if unit == unit_of_models(session):
+        return session
+    document = session.document
+    for index, item in enumerate(document.scene.objects):
+        document = document.with_object(index, model=replace(item.model, unit=unit))
+    return session.with_document(document)
+
+
+def unit_of_models(session: Session) -> str | None:
+    """Length unit of the models, a key of ``METRES``; None: it is not known."""
+    unit = ConvertOptions().unit_of(session.document.scene)
+    return unit if unit in METRES else None
 
 
 @edit

@@ -17,7 +17,7 @@ from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.app.workers.maps import is_fine
 from poseviewer.errors import SettingsError
-from poseviewer.files.formats.conversion import METRES, ConvertOptions
+from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.formats.sequence_export import (
     SEQUENCE_FORMATS,
@@ -46,6 +46,8 @@ CONVERTED = {
 """Endings of other tools' formats, pictures and relative poses; "": a folder."""
 OF_FRAMES = {f"all frames: {name}": name for name in SEQUENCE_FORMATS}
 """Formats of a sequence, by the names of their downloads."""
+WITH_NUMBERS = ("bop", "all frames: bop")
+"""Those that have numbers in place of names; frames have theirs by their names."""
 MAX_DOWNLOAD_BYTES = 1_000_000_000
 """Limit of a download, which is in memory."""
 MAX_STEM_BYTES = 90
@@ -98,25 +100,28 @@ def _export_stem(document: Document, view: int, of_all: bool = False) -> str:
 
 
 def export(
-    what: Export, session: Session, unit: str = "", notes: list[str] | None = None
+    what: Export,
+    session: Session,
+    notes: list[str] | None = None,
+    numbers: ConvertOptions | None = None,
 ) -> dict[str, bytes]:
     """Contents of a download's files by their names.
 
     Args:
         what: name of the download.
         session: to take it from.
-        unit: overrides the model's, unless "".
         notes: sentences on a conversion are added to it.
+        numbers: of the image and the objects in BOP.
 
     Raises:
-        PoseViewerError: there is nothing of that kind yet, or a format needs the unit.
+        PoseViewerError: there is nothing of that kind yet, or a format needs the unit or numbers.
     """
     document = session.document
     if what == RELATIVE:
         return _relative_poses(document)
     if what in {**CONVERTED, **OF_FRAMES}:
         notes = [] if notes is None else notes
-        return _convert(what, session, unit if unit in METRES else None, notes)
+        return _convert(what, session, replace(numbers or ConvertOptions(), overwrite=True), notes)
     view = pose_file_view(document) if what == "pose" else document.view_index
     photo = document.scene.views[view].photo
     stem = _export_stem(document, view)
@@ -143,7 +148,9 @@ def export(
     }
 
 
-def _convert(what: str, session: Session, unit: str | None, notes: list[str]) -> dict[str, bytes]:
+def _convert(
+    what: str, session: Session, options: ConvertOptions, notes: list[str]
+) -> dict[str, bytes]:
     """Convert to one file, or a zip of several; for all objects if the format holds several."""
     document, scene = session.document, as_saved(scene_to_save(session))
     of_all = what not in FORMATS or FORMATS[what].several_objects
@@ -152,6 +159,7 @@ def _convert(what: str, session: Session, unit: str | None, notes: list[str]) ->
     from poseviewer.figures.object_maps import (  # numba takes a quarter of a second
         pictures_of_objects,
         save_pictures,
+        write_masks,
     )
 
     with TemporaryDirectory() as folder:
@@ -162,14 +170,13 @@ def _convert(what: str, session: Session, unit: str | None, notes: list[str]) ->
                 lambda shown: api.Registration(shown, renderers).whole.picture("outline"),
                 partial(pictures_of_objects, masks_alone=True),
             )
-            options = ConvertOptions(object_id=1, unit=unit, overwrite=True)
             notes += export_sequence(kind, scene, out, options, pictures)[1]
         elif what in FORMATS:
             scene = as_still(scene)
             if not FORMATS[what].several_objects:
                 scene = replace(scene, objects=(scene.objects[document.active],))
-            options = ConvertOptions(image="0", object_id=1, unit=unit, overwrite=True)
             notes += FORMATS[what].convert(scene, out, options)[1]
+            notes += write_masks(scene, out, options) if what == "bop" else []
         else:
             save_pictures(out, pictures_of_objects(scene), overwrite=True)
         files = sorted(path for path in Path(folder).rglob("*") if path.is_file())
@@ -195,7 +202,7 @@ def _relative_poses(document: Document) -> dict[str, bytes]:
     ]
     if not poses:
         raise SettingsError("relative poses are between objects that are placed; add another one")
-    data = {"object": label_of(document.object), "unit": document.mesh.unit, "poses": poses}
+    data = {"object": label_of(document.object), "unit": document.model.unit, "poses": poses}
     return {name: json_bytes(Path(name), data, SettingsError)}
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.app.state.document_edits import open_document
-from poseviewer.app.state.edits import Edit, ReviewRow, SavePose, ShowHelp
+from poseviewer.app.state.edits import AskNumbers, Edit, ReviewRow, SavePose, ShowHelp
 from poseviewer.app.state.hiding import Stroke, mask_pixels
 from poseviewer.app.state.marking import lay_wheels
 from poseviewer.app.state.objects import add_object
@@ -20,6 +20,7 @@ from poseviewer.app.workers.opening import has_demo_model, open_autosaved, open_
 from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import FileSetError, QuickStartError
 from poseviewer.files.file_set import Kind, files_below, sort_set
+from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.scene_assets import load_model
 from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.files.state.uploads import MAX_UPLOAD_BYTES, display_name, gather, keep_set
@@ -64,7 +65,7 @@ class Restore:
     wanted: bool
 
 
-Request = Edit | QueuedTask | SavePose | ShowHelp | ReviewRow | Restore
+Request = Edit | QueuedTask | SavePose | ShowHelp | AskNumbers | ReviewRow | Restore
 """Request of a page to the main loop."""
 
 
@@ -154,13 +155,13 @@ def restore(autosave: AutosavedSession) -> QueuedTask:
     return QueuedTask(run)
 
 
-def download(what: Export, client: int, unit: str = "") -> QueuedTask:
-    """Make files of the session for a page; ``unit`` overrides the model's."""
+def download(what: Export, client: int, numbers: ConvertOptions | None = None) -> QueuedTask:
+    """Make files of the session for a page, in BOP with numbers."""
     working = "Drawing ..." if what in ("overlay", "sheet", *OF_FRAMES) else ""
 
     def run(now: Session, _: Path) -> TaskResult:
         notes: list[str] = []
-        files = export(what, now, unit, notes)
+        files = export(what, now, notes, numbers)
         return TaskResult(notes=tuple(notes), files=files, client=client)
 
     return QueuedTask(run, working, draws=what == "overlay")

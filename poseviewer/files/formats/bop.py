@@ -207,11 +207,12 @@ def pose_entry(scene: Scene, index: int, view: int, options: c.ConvertOptions) -
     Raises:
         PoseFileError: neither says them.
     """
-    item, given = scene.objects[index], options.object_id
+    item = scene.objects[index]
+    given = options.object_ids[index] if options.object_ids else options.object_id
     factor = options.lengths_in(UNIT, scene, "BOP")
     place = scene.pose(index, view).camera_from_model
     is_named = len(scene.objects) == 1 or re.fullmatch(MODEL_NAME, item.model.location.name)
-    if item.id.isdecimal() and len(item.id) <= MAX_DIGITS and not is_named:
+    if _is_number(item.id) and not (is_named or options.object_ids):
         given = int(item.id)
     number = _number(given, MODEL_NAME, item.model.location.name, "object", "obj_000005.ply")
     return BopObject(number, replace(place, translation=place.translation * factor)).as_json()
@@ -221,6 +222,25 @@ def image_number(scene: Scene, options: c.ConvertOptions, view: int = 0) -> int:
     """Number of a view's image: what the user says, else by the photo's name."""
     name = scene.views[view].file.location.name
     return _number(options.image_of(view), PHOTO_NAME, name, "image", "000003.png")
+
+
+def likely_numbers(scene: Scene) -> tuple[int | None, tuple[int, ...]]:
+    """Guess the numbers of the first image, None unless the photos' names are numbers, and of all
+    objects: that in the model's name, else the id of the first object of that model.
+    """
+    images = [re.fullmatch(PHOTO_NAME, view.file.location.name) for view in scene.views]
+    image = images[0] if all(images) else None
+    ids = dict[str, int]()
+    for count, item in enumerate(scene.objects, 1):
+        name = item.model.location.name
+        named, own = re.fullmatch(MODEL_NAME, name), int(item.id) if _is_number(item.id) else count
+        ids.setdefault(name, int(named[1]) if named else own)
+    numbers = tuple(ids[item.model.location.name] for item in scene.objects)
+    return int(image[1]) if image else None, numbers
+
+
+def _is_number(text: str) -> bool:
+    return text.isdecimal() and len(text) <= MAX_DIGITS
 
 
 def _number(given: str | int | None, pattern: str, name: str, what: str, example: str) -> int:

@@ -58,6 +58,9 @@ class ConvertOptions:
     image: str | None = None
     """Which image of a file with several: its name, or its number (BOP)."""
     object_id: int | None = None
+    """The only object's number (BOP)."""
+    object_ids: tuple[int, ...] = ()
+    """Numbers of all objects, in their order, in place of those that names say."""
     calibration: Path | None = None
     """The file of the photo's camera, for files that do not say it."""
     lens_model: LensModel | None = None

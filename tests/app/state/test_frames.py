@@ -29,7 +29,7 @@ from poseviewer.app.state.hiding import (
     unhide,
 )
 from poseviewer.app.state.history import MAX_OPENED
-from poseviewer.app.state.objects import add_object, pick_object, remove_object
+from poseviewer.app.state.objects import add_object, pick_object, remove_object, set_unit
 from poseviewer.app.state.pointer_edits import cancel_drag, drag_to, press, release
 from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.session import Session
@@ -152,6 +152,14 @@ def test_what_a_search_found_in_front_belongs_to_its_frame():
     assert is_found(everywhere)
     assert occlusion_pixels(after(everywhere, stroke(erase=True))) is not None
     assert occlusion_pixels(after(everywhere, unhide())) is None
+
+
+def test_a_unit_that_is_said_keeps_poses_and_verdicts():
+    session = after(shown_at(make_frames_session(), 1), RIGHT)
+    said = after(session, set_unit("mm"))
+    assert said.document.object.model.unit == "mm"
+    assert said.document.scene.frames == session.document.scene.frames
+    assert said.at_pose == session.at_pose
 
 
 def test_an_object_that_comes_later_has_no_mask_of_one_that_is_gone():

@@ -1,25 +1,39 @@
 """What the page sends in other tools' formats is what ``convert`` and ``render`` write."""
 
+import json
+import shutil
 from dataclasses import astuple, replace
 from io import BytesIO
+from pathlib import Path
 from zipfile import ZipFile
 
 import numpy as np
 import pytest
 
 from poseviewer.app.state.display_edits import set_fields
-from poseviewer.app.state.objects import add_object, alter_object, pick_object
+from poseviewer.app.state.document_edits import undo
+from poseviewer.app.state.objects import (
+    add_object,
+    alter_object,
+    pick_object,
+    set_unit,
+    unit_of_models,
+)
 from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.session import Session
+from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import CONVERTED, RELATIVE, export
 from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.app.workers.maps import SIZE, MapMaker
-from poseviewer.app.workers.opening import open_files
+from poseviewer.app.workers.opening import open_files, open_scene
 from poseviewer.errors import PoseViewerError
+from poseviewer.files.formats.bop import likely_numbers
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
+from poseviewer.files.scene_assets import load_model
 from poseviewer.scene.settings import FitSettings
 from tests.app.state.documents import after
+from tests.commands import run
 
 OF_ONE_UNIT = ("bop", "dope", "linemod")
 
@@ -82,9 +96,63 @@ def test_no_object_of_a_photo_has_another_ones_file(scene):
 @pytest.mark.parametrize("what", OF_ONE_UNIT)
 def test_a_format_of_one_unit_asks_for_the_models(scene, what):
     session = Session(open_files(scene.photo, scene.model, scene.start))
+    numbers = ConvertOptions(image="4", object_ids=(2,))
     with pytest.raises(PoseViewerError, match="on the page with Model's unit"):
-        export(what, session, "as it says")
-    assert export(what, session, "mm")
+        export(what, session, numbers=numbers)
+    assert export(what, after(session, set_unit("mm")), numbers=numbers)
+
+
+def test_bop_on_the_page_is_what_convert_writes_with_the_numbers_that_are_asked(scene, tmp_path):
+    photo = shutil.copy(scene.photo, tmp_path / "000007.png")
+    models = [shutil.copy(scene.model, tmp_path / f"obj_{n:06d}.ply") for n in (5, 9)]
+    session = Session(open_files(photo, models[0], scene.start))
+    other = load_model(models[1])
+    session = after(session, add_object(other), nudge("move", 9.0), set_unit("mm"))
+    image, numbers = likely_numbers(session.document.scene)
+    assert (image, numbers) == (7, (5, 9))
+    Autosaver(tmp_path).save(session)
+    line = f"convert {tmp_path}/000007.scene.json {tmp_path}/bop --to bop"
+    assert run(line) == 0
+    written = {path.relative_to(tmp_path / "bop"): path for path in (tmp_path / "bop").rglob("*.*")}
+    ((name, data),) = export("bop", session, numbers=ConvertOptions(object_ids=numbers)).items()
+    sent = ZipFile(BytesIO(data))
+    assert name == "000007.bop.zip"
+    within = {Path(*Path(own).parts[1:]): sent.read(own) for own in sent.namelist()}
+    assert within == {own: path.read_bytes() for own, path in written.items()}
+    assert {f"mask_visib/000007_00000{i}.png" for i in range(2)} <= set(map(str, within))
+    # Other numbers on request, and none in silence where no name says them.
+    asked = ConvertOptions(image="3", object_ids=(2, 4))
+    ((_, data),) = export("bop", session, numbers=asked).items()
+    (place,) = (own for own in ZipFile(BytesIO(data)).namelist() if "scene_gt.json" in own)
+    poses = json.loads(ZipFile(BytesIO(data)).read(place))
+    assert [pose["obj_id"] for pose in poses["3"]] == [2, 4]
+    unnamed = after(Session(open_files(scene.photo, scene.model, scene.start)), set_unit("mm"))
+    some = {"image": ConvertOptions(object_ids=(1,)), "object": ConvertOptions(image="0")}
+    for missing, said in some.items():
+        with pytest.raises(PoseViewerError, match=f"BOP wants the {missing}'s number"):
+            export("bop", unnamed, numbers=said)
+
+
+def test_numbers_are_guessed_apart_for_two_models_and_alike_for_one_twice(scene, tmp_path):
+    session = Session(open_files(scene.photo, scene.model, scene.start))
+    other = load_model(shutil.copy(scene.model, tmp_path / "other.ply"))
+    session = after(session, add_object(other), pick_object(1), add_object())
+    assert likely_numbers(session.document.scene) == (None, (1, 2, 1))
+
+
+def test_a_unit_that_is_said_on_the_page_is_in_what_is_saved(scene, tmp_path):
+    photo = shutil.copy(scene.photo, tmp_path)
+    session = after(Session(open_files(photo, scene.model, scene.start)), set_unit("cm"))
+    assert session.is_unsaved
+    (pose, *_) = Autosaver(tmp_path).save(session)
+    assert json.loads(pose.read_text())["model"]["unit"] == "cm"
+    assert unit_of_models(Session(open_files(photo, scene.model, pose))) == "cm"
+    two = after(session, add_object(), nudge("move", 9.0), set_unit("mm"))
+    assert unit_of_models(after(two, undo())) == "cm"
+    path, *_ = Autosaver(tmp_path).save(two)
+    objects = json.loads(path.read_text())["objects"]
+    assert [item["model"]["unit"] for item in objects] == ["mm", "mm"]
+    assert unit_of_models(Session(open_scene(path))) == "mm"
 
 
 def test_maps_are_saved_once_they_are_fine_by_both_losses_on_one_grid(scene):

@@ -16,6 +16,7 @@ from poseviewer.app.workers.tracking import frame_reading, track_edits
 from poseviewer.app.workers.worker import Mailbox, Worker
 from poseviewer.errors import PhotoFileError
 from poseviewer.files.cameras import Calibration
+from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.sequence_export import SEQUENCE_FORMATS
 from poseviewer.files.image_sequence import load_sequence
 from poseviewer.geometry.pose_error import pose_error
@@ -100,13 +101,14 @@ def opened(tmp_path_factory: pytest.TempPathFactory) -> Session:
 
 @pytest.mark.parametrize(("what", "kind"), OF_FRAMES.items())
 def test_all_frames_are_exported(opened: Session, what: str, kind: str):
-    ((name, content),) = export(what, opened, unit="mm").items()
+    numbers = ConvertOptions(unit="mm", object_ids=(1,))
+    ((name, content),) = export(what, opened, numbers=numbers).items()
     assert name == f"frames.m{SEQUENCE_FORMATS[kind] or f'.{kind}.zip'}"
     assert content
 
 
 def test_a_frame_is_exported_by_itself(opened: Session):
-    (name,) = export("opencv", opened, unit="mm")
+    (name,) = export("opencv", opened)
     assert name.startswith("0001.m.")
 
 
