@@ -27,7 +27,7 @@ from poseviewer.render.renderers import RendererName
 from poseviewer.scene.assets import ModelFile, PhotoFile
 from poseviewer.scene.sequence import show_frame
 from poseviewer.scene.settings import FitSettings
-from poseviewer.scene.types import Frame, InView, Scene, SceneObject, View
+from poseviewer.scene.types import Frame, InView, Scene, SceneObject, SearchResult, View
 from poseviewer.starts.placing import with_point_at
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.wheel_pose import MIN_RIM_POINTS, Ellipse, ellipse_through
@@ -309,8 +309,20 @@ class Document:
         document = self.put_mask(mask, kind, all_frames)
         for index in range(len(self.states)) if kind == "photo" else (self.active,):
             if self._compares(index, changed):
-                document = document.with_object(index, result=None)
+                document = document.with_result(None, index)
         return document
+
+    def with_result(self, result: SearchResult | None, object_index: int | None = None) -> Document:
+        """The document with another result for the pose of an object, by default the active one; of
+        a sequence also in the shown frame.
+        """
+        document = self.with_object(object_index, result=result)
+        frame = self.scene.frame
+        name = self.object.id if object_index is None else self.scene.objects[object_index].id
+        if frame is None or name not in frame.poses:
+            return document
+        pose = replace(frame.poses[name], result=result)
+        return document.with_frame(replace(frame, poses={**frame.poses, name: pose}))
 
     def with_frame(self, frame: Frame) -> Document:
         """The document with another content of the shown frame."""

@@ -167,12 +167,7 @@ def hide_found(session: Session) -> Session:
     if result is not None and result.hidden:  # stays valid: the same pixels were compared
         hidden = list(result.hidden)
         hidden[document.view_index] = None
-        result = replace(result, hidden=tuple(hidden))
-        document = document.with_object(result=result)
-        frame, name = document.scene.frame, document.object.id
-        if frame is not None and name in frame.poses:
-            pose = replace(frame.poses[name], result=result)
-            document = document.with_frame(replace(frame, poses={**frame.poses, name: pose}))
+        document = document.with_result(replace(result, hidden=tuple(hidden)))
     weights = ~occluded if mask is None else mask.weights * ~occluded
     document = document.put_mask(Mask.of(weights), "object").put_mask(None, "found")
     return session.with_document(document)

@@ -122,16 +122,24 @@ def test_what_is_painted_hides_in_its_frame_and_in_all_if_that_is_said(for_one):
     assert hidden_in(after(more, undo(), undo())) == hidden_in(painted)
 
 
+def test_a_verdict_of_pixels_that_are_painted_over_does_not_come_back():
+    session = after(shown_at(make_frames_session(), 1), RIGHT)
+    document = session.document.with_result(SearchResult(loss=0.5))
+    session = shown_at(shown_at(replace(session, document=document), 0), 1)
+    assert session.document.object.result is not None
+    (middle,) = session.document.pose.project(session.document.mesh.centre[None])
+    painted = after(session, paint(Stroke("brush", middle[None], 5.0, erase=False)))
+    assert key_indices(painted.document.scene, "1") == [1]
+    assert shown_at(shown_at(painted, 0), 1).document.object.result is None
+
+
 def test_what_a_search_found_in_front_belongs_to_its_frame():
     session = after(shown_at(make_frames_session(), 1), RIGHT)
     photo = session.document.photo
     hidden = np.zeros((photo.height, photo.width), bool)
     hidden[55:65, 55:65] = True
-    document = session.document
-    frame = document.scene.frames[1]
-    key = replace(frame.poses["1"], result=SearchResult(hidden=(hidden,)))
-    frame = replace(frame, poses={"1": key})
-    session = replace(session, document=document.with_frame(frame))
+    document = session.document.with_result(SearchResult(hidden=(hidden,)))
+    session = replace(session, document=document)
 
     def is_found(now: Session) -> bool:
         pixels = occlusion_pixels(now)
