@@ -5,6 +5,7 @@ beside a material, skins, and pictures that are not there.
 """
 
 from dataclasses import replace
+from functools import cache
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -50,7 +51,11 @@ def read_dae(path: Path) -> p.ModelParts:
         raise ValueError("it has no scene")
     pictures = (_picture(material.effect.diffuse) for material in document.materials)
     textures = p.load_textures(path.parent, filter(None, pictures), notes)
-    parts: list[p.Part] = []
+    wanted, others = _count_geometries(root, document.scene.id)
+    p.check_count(path.name, "parts", wanted, p.MAX_PARTS)
+    if others:
+        notes.append(f"Geometries that the file's scene does not show, left out: {others:,}.")
+    parts, found = list[p.Part](), 0
     waiting: list[tuple[Any, NDArray, str]] = [(n, np.eye(4), "") for n in document.scene.nodes]
     while waiting:
         node, matrix, name = waiting.pop()
@@ -58,12 +63,34 @@ def read_dae(path: Path) -> p.ModelParts:
             name, matrix = getattr(node, "node", node).name or name, matrix @ node.matrix
             waiting += [(child, matrix, name) for child in node.children]
             continue
+        found += 1
         bound = {material.symbol: material for material in node.materials}
         for primitive in (each for each in node.geometry.primitives if each.vertex is not None):
             part = _part(primitive, bound.get(primitive.material), textures, notes)
             parts.append(replace(part, name=name).transform(matrix))
+    if found != wanted:
+        raise ValueError(f"its scene shows {wanted:,} geometries, its nodes {found:,}")
     asset = document.assetInfo
     return p.ModelParts(parts, notes, asset.unitmeter, asset.upaxis == "Y_UP")
+
+
+def _count_geometries(root: Any, scene: str) -> tuple[int, int]:
+    """Count what the scene of an id shows, over all instances of nodes, and what others show."""
+    nodes = {node.get("id"): node for node in root.iter("{*}node")}
+
+    @cache
+    def count(element: Any) -> int:
+        total = 0
+        for own in element:
+            tag = etree.QName(own).localname
+            total += tag == "instance_geometry"
+            total += count(own) if tag == "node" else 0
+            total += count(nodes[own.get("url")[1:]]) if tag == "instance_node" else 0
+        return total
+
+    scenes = list(root.iter("{*}visual_scene"))
+    shown = sum(count(own) for own in scenes if own.get("id") == scene)
+    return shown, sum(map(count, scenes)) - shown
 
 
 def _prune(root: Any, name: str) -> list[str]:

@@ -132,7 +132,8 @@ class _Document:
         places = [world]
         if instancing := _extension(node, "EXT_mesh_gpu_instancing"):
             read = {k.lower(): self.array(v) for k, v in instancing["attributes"].items()}
-            count = len(next(iter(read.values())))
+            (count,) = {len(values) for values in read.values()}
+            p.check_count(self.path.name, "instances", count, p.MAX_PARTS)
             places = [world @ node_matrix({k: v[i] for k, v in read.items()}) for i in range(count)]
         for primitive in mesh["primitives"]:
             part = self._part(name, primitive, weights)

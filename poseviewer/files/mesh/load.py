@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poseviewer.errors import MeshFileError, printable
 from poseviewer.files.checks import MAX_DATA_BYTES, InputFile, quiet_libraries
@@ -101,21 +102,26 @@ def _read_3ds(path: Path) -> ModelParts:
     textures = load_textures(path.parent, filter(None, names), notes)
     # Assimp's root turns the model y up; left out, so that a pose belongs to the file's own axes.
     root: Any = scene.root_node
-    stack = [(root, np.eye(4))]
+    stack, places = [(root, np.eye(4))], list[tuple[int, str, NDArray]]()
     while stack:
         node, matrix = stack.pop()
         stack += [(child, matrix @ np.asarray(child.transformation)) for child in node.children]
-        for mesh in (scene.meshes[index] for index in node.mesh_indices):
-            vertices = np.array(mesh.vertices, dtype=float).reshape(-1, 3)
-            part = Part(node.name, vertices, np.array(mesh.indices, np.int64).reshape(-1, 3))
-            texture = textures.get(names[mesh.material_index]) if mesh.texcoords else None
-            diffuse = scene.materials[mesh.material_index].get("COLOR_DIFFUSE")
-            if texture is not None:
-                uvs = np.array(mesh.texcoords[0], dtype=float).reshape(len(vertices), -1)[:, :2]
-                part = replace(part, uvs=uvs, texture=texture)
-            elif diffuse is not None:
-                part = replace(part, colours=np.asarray(diffuse)[:3])
-            parts.append(part.transform(matrix))
+        places += [(index, node.name, matrix) for index in node.mesh_indices]
+    if alone := sorted(set(range(len(scene.meshes))) - {index for index, *_ in places}):
+        notes.append(f"Objects that no node places, shown where they are drawn: {len(alone):,}.")
+        places += [(index, scene.meshes[index].name, np.eye(4)) for index in alone]
+    for index, name, matrix in places:
+        mesh = scene.meshes[index]
+        vertices = np.array(mesh.vertices, dtype=float).reshape(-1, 3)
+        part = Part(name, vertices, np.array(mesh.indices, np.int64).reshape(-1, 3))
+        texture = textures.get(names[mesh.material_index]) if mesh.texcoords else None
+        diffuse = scene.materials[mesh.material_index].get("COLOR_DIFFUSE")
+        if texture is not None:
+            uvs = np.array(mesh.texcoords[0], dtype=float).reshape(len(vertices), -1)[:, :2]
+            part = replace(part, uvs=uvs, texture=texture)
+        elif diffuse is not None:
+            part = replace(part, colours=np.asarray(diffuse)[:3])
+        parts.append(part.transform(matrix))
     return ModelParts(parts, notes)
 
 

@@ -23,6 +23,8 @@ MAX_SIDE_PX = 8192
 MAX_TEXELS = 100_000_000
 """Limit of a model's textures together, and of one before it is shrunk: no photo shows more."""
 MAX_TEXTURES = 2000
+MAX_PARTS = 50_000
+"""Each is cut out and mended by itself: this number of them takes half a minute."""
 MAX_FACTOR = 10.0
 """Largest colour taken for one from 0 to 1: colours up to 255 are nearly black below it."""
 GREY = 0.8
@@ -78,6 +80,13 @@ class ModelParts(NamedTuple):
     metres: float | None = None
     """Length of the file's unit, where the file says it."""
     y_up: bool = False
+
+
+def check_count(name: str, what: str, count: int, most: int) -> None:
+    """Raise MeshFileError where the model file ``name`` has more than ``most`` of something."""
+    if count > most:
+        wanted = f"poseviewer takes up to {most:,}, simplify the model first"
+        raise MeshFileError(f"{name}: {count:,} {what}; {wanted}.")
 
 
 def check_indices(indices: NDArray, size: int, kind: str = "vertex") -> None:

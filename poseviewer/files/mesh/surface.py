@@ -8,13 +8,11 @@ from numpy.typing import NDArray
 
 from poseviewer.errors import MeshFileError, printable
 from poseviewer.files.checks import MAX_NUMBER as MAX_COORDINATE
-from poseviewer.files.mesh.parts import GREY, Part, check_indices
+from poseviewer.files.mesh.parts import GREY, MAX_PARTS, Part, check_count, check_indices
 from poseviewer.geometry import normals as n
 from poseviewer.geometry.mesh import Mesh
 
 MAX_FACES = 20_000_000
-MAX_PARTS = 50_000
-"""Each is cut out and mended by itself: this number of them takes half a minute."""
 MIN_COSINE = 0.25
 """A normal contradicts a face when it is further off (75 degrees); on a smooth cube it is 55."""
 BAD_NORMALS_SHARE = 0.1
@@ -39,11 +37,8 @@ def _check(name: str, parts: list[Part]) -> None:
         wanted = "poseviewer needs a surface mesh, not a point cloud or an empty file"
         points = sum(len(part.vertices) for part in parts)
         raise MeshFileError(f"{name}: 0 triangles, {points:,} points; {wanted}.")
-    sizes = ("faces", sum(len(part.faces) for part in parts), MAX_FACES)
-    for what, count, most in (sizes, ("parts", len(parts), MAX_PARTS)):
-        if count > most:
-            wanted = f"poseviewer takes up to {most:,}, simplify the model first"
-            raise MeshFileError(f"{name}: {count:,} {what}; {wanted}.")
+    check_count(name, "faces", sum(len(part.faces) for part in parts), MAX_FACES)
+    check_count(name, "parts", len(parts), MAX_PARTS)
     for part in parts:
         if bad := int(np.sum(~(np.abs(part.vertices) <= MAX_COORDINATE).all(axis=1))):
             raise ValueError(f"{bad:,} vertices are not finite or beyond {MAX_COORDINATE:g}")

@@ -125,6 +125,42 @@ def test_a_texture_of_a_dae_is_laid_on_or_noted(tmp_path, has_picture):
         np.testing.assert_allclose(mesh.uvs[near][:, 0], mesh.vertices[near][:, 1] / 2, atol=1e-6)
 
 
+def nest(text: str, *counts: int) -> str:
+    """The document, with ``counts[0]`` plates side by side, as often as ``counts[1]`` says..."""
+    nodes = f'<node id="n0">{INSTANCE}</node>'
+    for level, count in enumerate(counts):
+        axis = "{0} 0 0" if level % 2 == 0 else "0 {0} 0"
+        moves = (f"<translate>{axis.format(3 * place)}</translate>" for place in range(count))
+        inner = "".join(f'<node>{move}<instance_node url="#n{level}"/></node>' for move in moves)
+        nodes = f'<node id="n{level + 1}">{inner}</node>{nodes}'  # each before those that it names
+    start, end = text.index('<node id="n"'), text.index("</library_nodes>")
+    return (text[:start] + nodes + text[end:]).replace('"#n"', f'"#n{len(counts)}"')
+
+
+@pytest.mark.parametrize("counts", [(8, 8), (10, 10)])
+def test_every_copy_of_nested_nodes_of_a_dae_is_there(tmp_path, counts):
+    mesh = load(tmp_path, nest(plate(), *counts))
+    areas = face_normals_and_areas(mesh.vertices, mesh.faces)[1]
+    wanted = np.prod(counts)
+    assert areas.sum() == pytest.approx(wanted * (3.0 + 4 * 3.0))
+    assert mesh.notes == ()
+
+
+def test_a_dae_of_too_many_copies_is_refused_before_they_are_made(tmp_path):
+    with pytest.raises(MeshFileError, match=r"^l\.dae: 2,000,000 parts; poseviewer takes up to"):
+        load(tmp_path, nest(plate(), *[10] * 6))
+
+
+def test_other_scenes_of_a_dae_are_noted_and_nodes_that_are_not_read_refused(tmp_path):
+    text, node = plate(), '<node><instance_node url="#n"/></node>'
+    other = f'<visual_scene id="o">{node}</visual_scene></library_visual_scenes>'
+    (note,) = load(tmp_path, text.replace("</library_visual_scenes>", other)).notes
+    assert note == "Geometries that the file's scene does not show, left out: 1."
+    loose = text.replace("</visual_scene>", '<instance_node url="#n"/></visual_scene>')
+    with pytest.raises(MeshFileError, match="its scene shows 3 geometries, its nodes 2"):
+        load(tmp_path, loose)
+
+
 BROKEN = {
     "skin": (INSTANCE, '<instance_controller url="#g"/>', "a skin or morph"),
     "hole": ("<p>", "<ph><p>0 1 2</p><h>3 4 5</h></ph><p>", "holes"),

@@ -169,6 +169,21 @@ def test_instances(tmp_path):
     np.testing.assert_allclose(mesh.bounds, [[-1, -2, 4], [13, 2, 5]], atol=1e-6)
 
 
+@pytest.mark.parametrize(("counts", "words"), [
+    ((2, 3), "GLB file"),  # of which values would be left over
+    ((10**8,), "100,000,000 instances; poseviewer takes up to 50,000"),
+])  # fmt: skip
+def test_instances_of_several_numbers_or_too_many_are_refused(tmp_path, counts, words):
+    plate = Plate()
+    accessors = plate.entries["accessors"]
+    moves = [len(accessors) + number for number in range(len(counts))]
+    accessors += [{"componentType": 5126, "count": count, "type": "VEC3"} for count in counts]
+    attributes = dict(zip(("TRANSLATION", "SCALE"), moves, strict=False))
+    plate.nodes[0]["extensions"] = {"EXT_mesh_gpu_instancing": {"attributes": attributes}}
+    with pytest.raises(MeshFileError, match=words):
+        plate.load(tmp_path)
+
+
 def test_a_skin_stands_in_the_pose_of_its_joints(tmp_path):
     """Half of the plate by a joint that moves and turns, the other half by one at rest."""
     plate = Plate()

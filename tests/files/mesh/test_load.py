@@ -28,19 +28,29 @@ def as_big_endian(data: bytes) -> bytes:
     return head.replace(b"little", b"big") + b"end_header\n" + swapped
 
 
-def write_3ds(path: Path, mesh: trimesh.Trimesh, colour: tuple[int, int, int]) -> None:
-    def chunk(kind: int, data: bytes) -> bytes:
-        return struct.pack("<HI", kind, 6 + len(data)) + data
+def chunk_3ds(kind: int, data: bytes) -> bytes:
+    return struct.pack("<HI", kind, 6 + len(data)) + data
 
-    count = len(mesh.faces)
-    corners = chunk(0x4110, struct.pack("<H", 8) + mesh.vertices.astype("<f4").tobytes())
-    indices = np.pad(mesh.faces, ((0, 0), (0, 1))).astype("<u2").tobytes()
-    of_material = b"m\0" + struct.pack("<H", count) + np.arange(count, dtype="<u2").tobytes()
-    faces = chunk(0x4120, struct.pack("<H", count) + indices + chunk(0x4130, of_material))
+
+def write_3ds(
+    path: Path, colour: tuple[int, int, int], objects: dict[str, trimesh.Trimesh], nodes: str = ""
+) -> None:
+    """Write objects by their names, and keyframes' nodes of some of them, a letter each."""
+    chunk, shapes = chunk_3ds, b""
+    for name, mesh in objects.items():
+        count = len(mesh.faces)
+        corners = chunk(0x4110, struct.pack("<H", 8) + mesh.vertices.astype("<f4").tobytes())
+        indices = np.pad(mesh.faces, ((0, 0), (0, 1))).astype("<u2").tobytes()
+        of_material = b"m\0" + struct.pack("<H", count) + np.arange(count, dtype="<u2").tobytes()
+        faces = chunk(0x4120, struct.pack("<H", count) + indices + chunk(0x4130, of_material))
+        shapes += chunk(0x4000, name.encode() + b"\0" + chunk(0x4100, corners + faces))
     material = chunk(0xAFFF, chunk(0xA000, b"m\0") + chunk(0xA020, chunk(0x0011, bytes(colour))))
-    box = chunk(0x4000, b"box\0" + chunk(0x4100, corners + faces))
-    version = chunk(0x0002, struct.pack("<I", 3))
-    path.write_bytes(chunk(0x4D4D, version + chunk(0x3D3D, material + box)))
+    version, places = chunk(0x0002, struct.pack("<I", 3)), b""
+    for number, name in enumerate(nodes):
+        head = name.encode() + b"\0" + struct.pack("<HHH", 0, 0, 0xFFFF)
+        places += chunk(0xB002, chunk(0xB030, struct.pack("<H", number)) + chunk(0xB010, head))
+    keys = chunk(0xB000, places) if nodes else b""
+    path.write_bytes(chunk(0x4D4D, version + chunk(0x3D3D, material + shapes) + keys))
 
 
 def assert_is_cube(mesh: Mesh) -> None:
@@ -77,10 +87,23 @@ def test_a_cube_comes_back_with_its_colours_if_the_file_has_them(tmp_path: Path,
 
 def test_a_cube_comes_back_from_3ds(tmp_path: Path) -> None:
     pytest.importorskip("assimp_py")
-    write_3ds(tmp_path / "cube.3ds", cube(), (200, 30, 40))
+    write_3ds(tmp_path / "cube.3ds", (200, 30, 40), {"box": cube()})
     mesh = load_mesh(tmp_path / "cube.3ds")
     assert_is_cube(mesh)
     np.testing.assert_allclose(mesh.colours, np.full((24, 3), [200, 30, 40]) / 255.0, atol=1e-6)
+
+
+@pytest.mark.parametrize(("nodes", "others"), [("", 0), ("ab", 0), ("a", 1), ("b", 1)])
+def test_every_object_of_a_3ds_is_there_whatever_its_nodes(tmp_path: Path, nodes, others) -> None:
+    pytest.importorskip("assimp_py")
+    far = cube()
+    far.apply_translation([5.0, 0.0, 0.0])
+    write_3ds(tmp_path / "two.3ds", (200, 30, 40), {"a": cube(), "b": far}, nodes)
+    mesh = load_mesh(tmp_path / "two.3ds")
+    assert len(mesh.faces) == 24
+    np.testing.assert_allclose(mesh.bounds, [[-0.5, -1.0, -1.5], [5.5, 1.0, 1.5]], atol=1e-6)
+    note = "Objects that no node places, shown where they are drawn: 1."
+    assert mesh.notes == (note,) * others
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".glb", ".obj"])

@@ -70,10 +70,52 @@ def test_settings_of_a_slicer_are_noted(tmp_path):
     assert note == "Not read, left out: a slicer's settings."
 
 
+SOLID = f"""<mesh><vertices>{VERTICES}</vertices>
+<triangles><triangle v1="0" v2="1" v3="2"/></triangles></mesh>"""
+
+
+def nest(*counts: int, innermost: str = SOLID, built: int = 1) -> str:
+    """A model of a triangle, ``counts[0]`` times in a row along y, and this row ``counts[1]`` times
+    along z, and so on by turns.
+    """
+    text = f'<object id="0">{innermost}</object>'
+    for level, count in enumerate(counts):
+        axis = "{0} 0" if level % 2 == 0 else "0 {0}"
+        row = "".join(
+            f'<component objectid="{level}" transform="1 0 0 0 1 0 0 0 1 0 {axis.format(place)}"/>'
+            for place in range(count)
+        )
+        text += f'<object id="{level + 1}"><components>{row}</components></object>'
+    items = f'<item objectid="{len(counts)}"/>' * built
+    resources = f"<resources>{text}</resources><build>{items}</build>"
+    return f'<model xmlns="{CORE}/core/2015/02">{resources}</model>'
+
+
+@pytest.mark.parametrize("counts", [(8, 8), (10, 10), (2, 3, 1, 1), (1, 1, 1, 7)])
+def test_every_copy_of_nested_components_of_a_3mf_is_there(tmp_path, counts):
+    mesh = load(tmp_path, nest(*counts))
+    corners = mesh.vertices[mesh.faces].min(axis=1)
+    places = np.stack(np.meshgrid(*(np.arange(count) for count in counts), indexing="ij"))
+    y, z = places[::2].sum(axis=0).ravel(), places[1::2].sum(axis=0).ravel()
+    assert sorted(map(tuple, corners)) == sorted((0.0, *place) for place in zip(y, z, strict=True))
+    assert mesh.notes == ()
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    (nest(*[10] * 40), "100,000 parts; poseviewer takes up to 50,000"),
+    (nest(*[10] * 40, innermost="<components/>"), "0 triangles"),
+    (nest(50_000, built=2), "100,000 parts"),
+])  # fmt: skip
+def test_a_3mf_of_too_many_copies_is_refused_before_they_are_made(tmp_path, text, words):
+    with pytest.raises(MeshFileError, match=rf"^p\.3mf: {words}"):
+        load(tmp_path, text)
+
+
 BROKEN = {
     "other files": ('"5"/>', '"5" p:path="/3D/other.model"/>', "several files"),
     "an extension": ('requiredextensions="m p"', 'requiredextensions="b"', "needs .*beam"),
     "no such object": ('objectid="5"', 'objectid="6"', "object 6 is not there"),
+    "two objects of one number": ('id="4"', 'id="3"', "object 3 is there twice"),
     "an object in itself": ('component objectid="3"', 'component objectid="5"', "object 5 is not"),
     "corners that are not there": ('v3="3"', 'v3="4"', "3MF file"),
     "no triangles": ("triangles>", "slices>", "no triangles"),
