@@ -42,6 +42,8 @@ MIN_MOVED_DEVIATIONS = 5.0
 """Move in stated standard deviations up to which it may be the search's error."""
 MIN_UNEXPLAINED = 0.65
 """Share that a lost given pose leaves unexplained: exact ones behind occluders leave 0.61."""
+BEHIND = "At one of the two poses a part of the model is behind the camera: no distance in px."
+HIDDEN = "Nothing of the object is visible, says the scene (visib_fract 0): no finding."
 PANEL_SIDE = 300
 """Longer side of each of the three pictures, in px: one pixel of a label shows."""
 MARGIN = 0.3
@@ -106,8 +108,11 @@ def save_audited(batch: Batch, rows: Sequence[Row]) -> None:
     write_whole(batch.folder / AUDITED, text.getvalue().encode(), BatchError)
 
 
-def audit_numbers(fit: FitResult) -> dict[str, Any]:
-    """Compare the pose found with the given one: the fields of ``JobResult`` for an audit."""
+def audit_numbers(fit: FitResult, is_hidden: bool = False) -> dict[str, Any]:
+    """Compare the pose found with the given one: the fields of ``JobResult`` for an audit.
+
+    Nothing is found about an object that ``is_hidden`` in the photo.
+    """
     given, symmetry = fit.start, fit.object.symmetry
     before = judge_end(replace(FitProgress.at_start(given.problem), loss=given.loss), fit.renderer)
     assert fit.progress is not None  # a fit ends with it
@@ -117,12 +122,14 @@ def audit_numbers(fit: FitResult) -> dict[str, Any]:
         nearest = symmetry.nearest_pose(given.pose, fit.pose)
         deviations = round(count_deviations(fit.covariance, nearest), 2)
     finding = find_finding(labels, deviations, fit.progress.start_unexplained)
+    is_near, is_known = moved.percent <= MIN_MOVED_PERCENT, math.isfinite(moved.percent)
     return {
-        "finding": finding if moved.percent > MIN_MOVED_PERCENT else "",
-        "moved_percent": round(moved.percent, 3),
-        "moved_px": round(moved.reprojection_px, 3),
+        "finding": "" if is_near or is_hidden else finding,
+        "moved_percent": round(moved.percent, 3) if is_known else None,
+        "moved_px": round(moved.reprojection_px, 3) if is_known else None,
         "moved_deviations": None if math.isnan(deviations) else deviations,
         "given_verdict": labels[0],
+        "reasons": [*([] if is_known else [BEHIND]), *([HIDDEN] if is_hidden else [])],
     }
 
 

@@ -19,8 +19,10 @@ from poseviewer.files.formats.bop import (
     POSES,
     BopObject,
     SceneFile,
-    load_bop_images,
+    load_bop_camera,
+    load_bop_entries,
     load_scene_file,
+    object_number,
     same_intrinsics,
     save_bop_images,
     save_scene_files,
@@ -28,7 +30,7 @@ from poseviewer.files.formats.bop import (
 from poseviewer.files.masks import pose_contents
 from poseviewer.files.pose import PoseRecord, load_pose
 from poseviewer.files.writing import make_folder, write_whole
-from poseviewer.geometry.camera import Camera, Perspective, Pose
+from poseviewer.geometry.camera import Camera, Perspective
 from poseviewer.scene.settings import FitSettings
 
 STARTS = "starts"
@@ -62,21 +64,21 @@ def load_scene_jobs(
     if not models.is_dir():
         raise BatchError(f"models {models}: no such folder; name that of obj_000001.ply ...")
     relative = Path(os.path.relpath(models.resolve(), scene))
-    images, jobs = load_bop_images(scene, posed=True), []
+    entries, jobs, instances = load_bop_entries(scene), list[Job](), Counter[tuple[int, int]]()
     make_folder(out / STARTS, BatchError)
-    for image in images:
-        instances: Counter[int] = Counter()
-        for posed in image.objects:
-            number = posed.object_id
-            if objects and number not in objects:
-                continue
-            more = f"-{instances[number] + 1}" if instances[number] else ""
-            path = out / STARTS / f"{image.number:06d}-{number:06d}{more}.json"
-            save_start(path, PoseRecord.of(Pose(image.camera, posed.camera_from_model)))
-            start = os.path.relpath(path, scene)
-            instances[number] += 1
-            model = str(relative / MODEL_FILE.format(number))
-            jobs.append(Job(len(jobs) + 1, image.photo, model, start, str(scene)))
+    for entry in entries:
+        number = entry.object_id
+        if objects and number not in objects:
+            continue
+        instances[entry.image, number] += 1
+        instance = instances[entry.image, number]
+        more = f"-{instance}" if instance > 1 else ""
+        path = out / STARTS / f"{entry.image:06d}-{number:06d}{more}.json"
+        if entry.pose is not None:
+            save_start(path, PoseRecord.of(entry.pose))
+        files = entry.photo, str(relative / MODEL_FILE.format(number)), os.path.relpath(path, scene)
+        said = {"problem": entry.problem, "is_hidden": entry.visible == 0.0}
+        jobs.append(Job(len(jobs) + 1, *files, str(scene), **said))
     if not jobs:
         raise BatchError(f"{scene}: no pose of the wanted objects in it; nothing to do.")
     return with_keys(jobs, settings)
@@ -120,7 +122,7 @@ def _entry_of(poses: SceneFile, job: Job) -> dict[str, Any]:
     """Return the entry of ``scene_gt.json`` that a job starts from, by the name of its start."""
     image, number, *instance = map(int, Path(job.start).stem.split("-"))
     entries = next(own for name, own in poses.items() if int(name) == image)
-    same = [entry for entry in entries if entry["obj_id"] == number]
+    same = [entry for entry in entries if object_number(entry) == number]
     return same[instance[0] - 1 if instance else 0]
 
 
@@ -129,9 +131,8 @@ def require_scene_camera(batch: Batch, photo: str, camera: Camera) -> None:
     if batch.scene is None:
         return
     number = _number(PHOTO_NAME, photo)
-    images = load_bop_images(Path(batch.scene))
-    own = next((image.camera for image in images if image.number == number), None)
-    if own is None or not isinstance(camera, Perspective) or not same_intrinsics(own, camera):
+    own = load_bop_camera(Path(batch.scene), number)
+    if not isinstance(camera, Perspective) or not same_intrinsics(own, camera):
         raise BatchError(
             f"The camera is not the BOP scene's for image {number}; undo (Z) what changed it, the "
             "poses of a scene are by its own cameras."

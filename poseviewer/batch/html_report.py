@@ -11,6 +11,7 @@ from poseviewer.batch.result_folder import (
     Row,
     comparison_text,
     summarise_findings,
+    summarise_questions,
     worst_first,
 )
 from poseviewer.confidence.verdict import percent_right
@@ -47,12 +48,13 @@ def save_report(folder: Path, rows: Sequence[Row]) -> None:
     no = "kept" if is_audit else "rejected"
     counts = f" {accepted} accepted and {rejected} {no} by a person, which are last."
     reviewed = counts if accepted or rejected else ""
+    asked = f" {escape(summarise_questions(rows))}"
     lines = "\n".join(_row(folder, row) for row in worst_first(rows))
     page = (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         f"<title>poseviewer batch</title><style>{_STYLE}</style></head><body>\n"
         f"<h1>{len(rows)} photos</h1>\n<p>{len(rows) - failed} fitted, {failed} failed. "
-        f"{_AUDIT.format(summarise_findings(rows)) if is_audit else _WORST}{reviewed}</p>\n"
+        f"{_AUDIT.format(summarise_findings(rows)) if is_audit else _WORST}{reviewed}{asked}</p>\n"
         f"<table><thead>{_HEAD}</thead><tbody>\n{lines}\n</tbody></table></body></html>\n"
     )
     write_whole(folder / REPORT, page.encode(), BatchError)

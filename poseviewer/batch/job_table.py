@@ -44,6 +44,10 @@ class Job:
     """Hash of the files' names, sizes and times and of the settings; it names the result."""
     box: str = ""
     """Rectangle for the start ``auto``, as in the table: left, top, width, height in px."""
+    problem: str = ""
+    """Why the row cannot be fitted, as far as who made it knows; or empty."""
+    is_hidden: bool = False
+    """Whether the scene says that nothing of the object is visible in the photo."""
 
     def path(self, text: str) -> Path:
         """Return the absolute path of a file that the row names."""
@@ -89,7 +93,7 @@ def _read_rows(path: Path) -> list[dict[str, str]]:
     delimiter = ";" if ";" in head and "," not in head else ","
     with reading.naming_errors():
         lines = list(csv.reader(StringIO(text, newline=""), delimiter=delimiter))
-    lines = [[cell.strip() for cell in line] for line in lines if line]
+    lines = [cells for line in lines if any(cells := [cell.strip() for cell in line])]
     names = [name.lower() for name in lines[0]] if lines else []
     missing = [column for column in COLUMNS if column not in names]
     if missing:
@@ -109,6 +113,7 @@ def _key(job: Job, settings: Mapping[str, Any]) -> str:
     files = [job.path(text) for text in (job.photo, job.model, job.start)]
     content: list[Any] = [[str(path), *file_stamp(path)] for path in files]
     content += [job.box] if job.box else []
+    content += ["hidden"] if job.is_hidden else []
     text = json.dumps([content, settings], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]
 

@@ -8,7 +8,7 @@ import csv
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from io import StringIO
 from pathlib import Path
 from typing import Any, Literal
@@ -101,6 +101,8 @@ class JobResult:
     """Distance from the given pose of an audit, in stated standard deviations; None: not known."""
     given_verdict: str = ""
     """Verdict at the given pose of an audit."""
+    question: str = ""
+    """Question about the row's files, which other rows may share: asked once for all."""
     review: str = ""
     """Review by a person: ``accepted``, ``mended`` by hand, ``rejected``; ``kept`` in an audit."""
     note: str = ""
@@ -197,7 +199,8 @@ def worst_first(rows: Sequence[Row]) -> list[Row]:
         if not result.failed and result.probability is not None:
             rank = percent_right(result.verdict, result.probability) / 100.0
         if result.finding:
-            rank -= 1.0 if result.finding == UNEXPLAINED else 1.0 + (result.moved_percent or 0.0)
+            away = math.inf if result.moved_percent is None else result.moved_percent
+            rank -= 1.0 if result.finding == UNEXPLAINED else 1.0 + away
         return bool(result.review), rank, row.job.row
 
     return sorted(rows, key=order)
@@ -212,13 +215,21 @@ def summarise_findings(rows: Sequence[Row]) -> str:
 
 def comparison_text(result: JobResult) -> str:
     """Return what an audit says of a row as a sentence."""
-    deviations = result.moved_deviations
-    sure = "" if deviations is None else f", {deviations:.1f} of its standard deviations"
-    return (
-        f"{result.finding or 'no finding'}: {result.moved_percent:.1f} % of the object's size "
-        f"({result.moved_px:.1f} px{sure}) from the given pose, whose verdict is "
-        f"{result.given_verdict}."
-    )
+    deviations, away = result.moved_deviations, "at an unknown distance"
+    if result.moved_percent is not None and result.moved_px is not None:
+        sure = "" if deviations is None else f", {deviations:.1f} of its standard deviations"
+        away = f"{result.moved_percent:.1f} % of the object's size ({result.moved_px:.1f} px{sure})"
+    finding = result.finding or "no finding"
+    return f"{finding}: {away} from the given pose, whose verdict is {result.given_verdict}."
+
+
+def summarise_questions(rows: Sequence[Row]) -> str:
+    """Return the question that rows ask as a sentence about all of them; or nothing."""
+    asking = [row for row in rows if row.result.question]
+    if not asking:
+        return ""
+    first = asking[0]
+    return f"{len(asking)} of {len(rows)} rows, as row {first.job.row}: {first.result.question}"
 
 
 @contextmanager
@@ -257,14 +268,22 @@ def load_result(folder: Path, key: str) -> JobResult | None:
 
 
 def save_result(folder: Path, job: Job, result: JobResult) -> JobResult:
-    """Write a result, and return it: a job that was fitted is now done."""
+    """Write a result, and return it: a job that was fitted is now done.
+
+    Numbers that are not finite are left empty, and named in ``reasons``.
+    """
+    values = asdict(result).items()
+    odd = [name for name, value in values if isinstance(value, float) and not math.isfinite(value)]
+    if odd:
+        reasons = "\n".join([*result.reasons.splitlines(), f"Not finite: {', '.join(odd)}."])
+        result = replace(result, reasons=reasons, **dict.fromkeys(odd))
     write_json(folder / ROWS / f"{job.key}.json", asdict(result), BatchError)
     return result
 
 
-def save_failure(folder: Path, job: Job, reason: str) -> JobResult:
+def save_failure(folder: Path, job: Job, reason: str, question: str = "") -> JobResult:
     """Write the reason why a row could not be fitted."""
-    return save_result(folder, job, JobResult("Failed.", reason))
+    return save_result(folder, job, JobResult("Failed.", reason, question=question))
 
 
 def save_table(folder: Path, rows: Sequence[Row]) -> None:

@@ -22,7 +22,9 @@ from poseviewer.batch.result_folder import (
     standard_deviations,
 )
 from poseviewer.errors import BatchError, PoseViewerError, SettingsError
+from poseviewer.files.mesh.size import distance_notes
 from poseviewer.files.photo import save_image
+from poseviewer.files.pose import load_pose, pose_bytes
 from poseviewer.files.scene_assets import load_model
 from poseviewer.render.attributes import Renderer
 from poseviewer.render.overlay.styles import Picture
@@ -48,33 +50,51 @@ def run_row(job: Job, plan: Batch) -> JobResult:
     known = load_result(plan.folder, job.key)
     if known is not None and not known.failed:
         return known
+    if job.problem:
+        return save_failure(plan.folder, job, job.problem)
+    question = ""
     try:
+        _check(job, plan)
+        question = _ask_unit(job, plan)
         fit = _fit(job, plan)
         picture = draw_comparison(fit) if plan.is_audit else shrink_picture(fit.picture())
-        more = audit_numbers(fit) if plan.is_audit else {}
+        more = audit_numbers(fit, job.is_hidden) if plan.is_audit else {}
+        pose_bytes(Path(job.photo), fit.record)  # a number that no file can have is the row's
     except PoseViewerError as error:
-        return save_failure(plan.folder, job, str(error))
+        return save_failure(plan.folder, job, str(error), question)
     except Exception as error:  # noqa: BLE001 - the other rows must go on
         _log.debug("row %d", job.row, exc_info=error)
-        return save_failure(plan.folder, job, f"{type(error).__name__}: {error}")
-    return _save_fit(job, plan, fit, picture, more)
+        return save_failure(plan.folder, job, f"{type(error).__name__}: {error}", question)
+    return _save_fit(job, plan, fit, picture, more | {"question": question})
 
 
-def _fit(job: Job, plan: Batch) -> FitResult:
+def _check(job: Job, plan: Batch) -> None:
     for column in COLUMNS:
         if not getattr(job, column):
             raise SettingsError(f"the row has no {column}; name a file in the column {column!r}.")
     if plan.is_audit and job.start == AUTOMATIC:
         raise SettingsError("the start auto in an audit; name the file of the given pose.")
+    if job.rectangle() is not None and job.start != AUTOMATIC:
+        raise SettingsError(
+            f"a box with the start {job.start}; a box is for the start auto, empty the cell."
+        )
+
+
+def _ask_unit(job: Job, plan: Batch) -> str:
+    """Return the question whether pose and model are in one unit where it seems not; or nothing."""
+    if job.start == AUTOMATIC:
+        return ""
+    path, pose = job.path(job.model), load_pose(job.path(job.start), 1, 1).pose
+    model, _ = _load_model_once(path, file_stamp(path), plan.settings)
+    return "".join(distance_notes(model.content.mesh_without(plan.settings.without or ()), pose))
+
+
+def _fit(job: Job, plan: Batch) -> FitResult:
     path, box = job.path(job.model), job.rectangle()
     model, renderer = _load_model_once(path, file_stamp(path), plan.settings)
     is_auto = job.start == AUTOMATIC
     features = plan.features if box is None else None
     start = AutoStart(box, features=features) if is_auto else job.path(job.start)
-    if box is not None and not is_auto:
-        raise SettingsError(
-            f"a box with the start {job.start}; a box is for the start auto, empty the cell."
-        )
     # A renderer is for one thread at a time, and a cluster's worker may have several.
     own, files = None if renderer is None else renderer.clone(), (job.path(job.photo), model, start)
     return load(*files, plan.settings, mask=plan.mask, renderer=own).fit()
@@ -104,10 +124,12 @@ def _save_fit(
     names = "loss", "start_loss", "unexplained", "start_unexplained", "evaluations"
     numbers = {name: getattr(progress, name) for name in names}
     numbers |= {"seconds": round(progress.seconds, 3), **standard_deviations(fit.covariance)}
+    reasons = more.pop("reasons", ())
     numbers |= more
     if verdict is not None:
         numbers |= {"verdict": verdict.label, "probability": round(verdict.probability, 4)}
-        numbers |= {"reasons": "\n".join(verdict.reasons)}
+        reasons = *verdict.reasons, *reasons
+    numbers |= {"reasons": "\n".join(reasons)}
     result = JobResult(progress.status.value, pose=pose_name, picture=picture_name, **numbers)
     try:
         fit.save(plan.folder / pose_name)

@@ -3,12 +3,20 @@ image of a BOP scene. Relative paths in the table start from its folder. The sam
 a batch that was stopped.
 """
 
+from __future__ import annotations
+
 from argparse import Namespace
+from collections.abc import Generator
+from contextlib import closing
+from typing import TYPE_CHECKING
 
 from poseviewer.cli import options as table
 from poseviewer.cli.case import make_settings
 from poseviewer.cli.terminal import say, take_all, tell
 from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE
+
+if TYPE_CHECKING:
+    from poseviewer.batch.result_folder import JobResult
 
 OUT = (
     table.option("--out FOLDER", "write poses, pictures, table and report here", required=True),
@@ -42,7 +50,12 @@ def run(options: Namespace) -> int:
 
 def run_rows(options: Namespace, is_audit: bool = False) -> int:
     """Run the rows that are not done yet, and write the summaries of all."""
-    from poseviewer.batch.result_folder import REPORT, TABLE, summarise_findings
+    from poseviewer.batch.result_folder import (
+        REPORT,
+        TABLE,
+        summarise_findings,
+        summarise_questions,
+    )
     from poseviewer.batch.run import open_batch, run_batch, save_summaries
 
     named = options.jobs, options.out, make_settings(options), options.mask
@@ -53,16 +66,29 @@ def run_rows(options: Namespace, is_audit: bool = False) -> int:
     if (done := sum(job.key not in keys for job in batch.jobs)) and not options.quiet:
         tell(f"{done} of {count} rows were done before.")
     results = run_batch(batch, to_do, scheduler=options.scheduler, processes=options.processes)
-    stopped = take_all(results, len(to_do), options.quiet)
+    stopped = take_all(_asking(results), len(to_do), options.quiet)
     rows = save_summaries(batch)
     failed = sum(row.result.failed for row in rows)
     more = "; stopped, run it again to go on" if stopped else ""
     say(f"{len(rows) - failed} of {count} rows fitted, {failed} failed{more}")
     if is_audit:
         say(summarise_findings(rows))
+    if question := summarise_questions(rows):
+        say(question)
     say(f"table: {options.out / TABLE}\nreport: {options.out / REPORT}")
     if batch.scene is not None:
         say(f"BOP scene: {options.out}")
     if stopped:
         return EXIT_INTERRUPTED
     return EXIT_MENDABLE if failed else 0
+
+
+def _asking(results: Generator[JobResult, None, None]) -> Generator[JobResult, None, None]:
+    """Yield the results, and tell the first question as it comes: all rows may be for nothing."""
+    with closing(results):
+        asked = False
+        for result in results:
+            if result.question and not asked:
+                tell(result.question)
+            asked |= bool(result.question)
+            yield result

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.formats.bop import POSES, image_number, load_scene_file, scene_text
+from poseviewer.files.formats.bop import INFO, POSES, image_number, load_scene_file, scene_text
 from poseviewer.files.formats.conversion import ConvertOptions, metres_per_unit
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.fit.visibility import depth_image, visibility_of_depths
@@ -22,8 +22,6 @@ from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.scene.types import PlacedModel, Scene
 
-INFO = "scene_gt_info.json"
-"""Name of BOP's file of visible fractions and boxes."""
 NO_BOX = [-1, -1, -1, -1]
 """BOP's box of an invisible object."""
 MAX_UINT16 = 65535

@@ -40,4 +40,5 @@ def pose_error(
     pixels = float(np.nan_to_num(distance, nan=np.inf).mean())
     diagonal = float(np.linalg.norm(np.ptp(true_pixels, axis=0)))
     angle = rotation_angle(estimate.camera_from_model.rotation, truth.camera_from_model.rotation)
-    return PoseError(pixels, 100.0 * pixels / diagonal, math.degrees(angle))
+    percent = 100.0 * pixels / diagonal if math.isfinite(pixels) else math.inf
+    return PoseError(pixels, percent, math.degrees(angle))

@@ -10,14 +10,28 @@ import cv2
 import numpy as np
 import pytest
 
+from poseviewer.api import load
 from poseviewer.app.page.rows import row_text, rows_list
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.batch import review
-from poseviewer.batch.audit import MIN_MOVED_DEVIATIONS, find_finding
+from poseviewer.batch.audit import (
+    BEHIND,
+    HIDDEN,
+    MIN_MOVED_DEVIATIONS,
+    audit_numbers,
+    find_finding,
+)
 from poseviewer.batch.job_table import Job
-from poseviewer.batch.result_folder import ACCEPTED, REJECTED, JobResult, Row, worst_first
+from poseviewer.batch.result_folder import (
+    ACCEPTED,
+    REJECTED,
+    JobResult,
+    Row,
+    save_result,
+    worst_first,
+)
 from poseviewer.batch.run import open_batch, run_batch, save_summaries
-from poseviewer.errors import BatchError
+from poseviewer.errors import EXIT_MENDABLE, BatchError
 from poseviewer.files.formats.bop import BopObject
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_json import as_saved, load_scene, save_scene
@@ -28,6 +42,7 @@ from tests.commands import read_rows, refusal, run
 from tests.files.test_scene_frames import sequence
 from tests.scene import Scene
 from tests.several import make_three, write_bop_scene
+from tests.writing import write
 
 SHIFT = np.array([0.12, 0.08, 0.0])
 """Of a given pose, in the model's unit: 6 px of an object of 85 px."""
@@ -148,6 +163,101 @@ def test_an_audit_goes_on_where_it_was(audited: Path, capsys) -> None:
     for name in ("status", "verdict", "finding", "pose"):
         assert again[name] == old[name]
     assert again["moved_px"] == pytest.approx(old["moved_px"], abs=0.01)
+
+
+@pytest.fixture
+def blurs(tmp_path: Path) -> Path:
+    """A photo of blurs, in which no model is to be seen."""
+    noise = np.random.default_rng(3).normal(120.0, 120.0, (120, 160, 3))
+    cv2.imwrite(str(tmp_path / "blurs.png"), cv2.GaussianBlur(noise, (0, 0), 3.0))
+    return tmp_path / "blurs.png"
+
+
+@pytest.fixture
+def mixed(scene: Scene, blurs: Path, tmp_path: Path) -> Path:
+    """A folder with models and a BOP scene of images 0 to 4: the true pose; one with a part of the
+    model behind the camera; one that is no rotation; one of an image without a camera; and one of
+    an object that is hidden.
+    """
+    (tmp_path / "models").mkdir()
+    shutil.copy(scene.model, tmp_path / "models/obj_000005.ply")
+    pose = load_pose(scene.truth, 160, 120).pose
+    true, camera = pose.camera_from_model, pose.camera
+    assert isinstance(camera, Perspective)
+    near = replace(true, translation=true.translation * [0.0, 0.0, 0.02])
+    places = (true, near, replace(true, rotation=2.0 * true.rotation), true, true)
+    photos = dict(enumerate((*[scene.photo] * 4, blurs)))
+    objects = {number: [BopObject(5, place)] for number, place in enumerate(places)}
+    bop = write_bop_scene(tmp_path / "000001", camera, photos, objects)
+    cameras = json.loads((bop / "scene_camera.json").read_text())
+    info = {"0": [{"visib_fract": 1.0}], "4": [{"visib_fract": 0.0}]}
+    del cameras["3"]
+    write(bop / "scene_camera.json", cameras)
+    write(bop / "scene_gt_info.json", info)
+    return tmp_path
+
+
+@pytest.mark.slow
+def test_an_audit_goes_on_whatever_one_row_holds(mixed: Path) -> None:
+    given, out = scene_gt(mixed / "000001"), mixed / "audit"
+    batch = open_batch(mixed / "000001", out, QUICK, models=mixed / "models", is_audit=True)
+    fit_all(batch)
+    true, behind, bent, blind, hidden = (row.result for row in batch.rows())
+    assert true.moved_px == pytest.approx(0.0, abs=0.5)
+    assert (behind.moved_px, behind.moved_percent, behind.given_verdict) == (None, None, "lost")
+    assert BEHIND in behind.reasons
+    assert "scene_gt.json: the rotation is not a rotation matrix" in bent.reason
+    assert "scene_camera.json: image 3 has no camera" in blind.reason
+    assert (hidden.finding, HIDDEN in hidden.reasons) == ("", True)
+    assert not {BEHIND, HIDDEN} & {*true.reasons.split("\n")}
+    assert scene_gt(out) == given
+    moved = [row["moved_px"] != "" for row in read_rows(out / "results.csv")]
+    assert moved == [True, False, False, False, True]
+    words = "at an unknown distance from the given pose"
+    assert words in (out / "report.html").read_text(encoding="utf-8")
+    queue = review.load_queue(out)
+    assert any(words in row_text(row, False) for row in queue.rows)
+    index = next(i for i, row in enumerate(queue.rows) if row.job.row == 1)
+    record = load_pose(out / true.pose, 160, 120)
+    review.save_corrected(queue, index, record, np.zeros((12, 16, 3), np.uint8))
+    save_summaries(batch)
+    (found,), *others = scene_gt(out).values()
+    np.testing.assert_allclose(found["cam_t_m2c"], record.pose.camera_from_model.translation)
+    assert others == list(given.values())[1:]
+
+
+@pytest.mark.slow
+def test_nothing_is_found_about_an_object_that_is_hidden(scene: Scene, blurs: Path) -> None:
+    fit = load(blurs, scene.model, scene.truth, QUICK).fit()
+    assert audit_numbers(fit)["finding"] == "unexplained"
+    assert audit_numbers(fit, is_hidden=True)["finding"] == ""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "factor"), [("audit", 0.001), ("batch", 0.001), ("batch", 1e3)])
+def test_another_unit_is_asked_about_once_for_all_rows(mixed: Path, capsys, kind, factor) -> None:
+    bop = mixed / "000001"
+    ((entry,), *_) = scene_gt(bop).values()
+    entry["cam_t_m2c"] = [factor * length for length in entry["cam_t_m2c"]]
+    write(bop / "scene_gt.json", {"0": [entry], "1": [entry]})
+    line = kind, bop, "--models", mixed / "models", "--out", mixed / kind, "--evaluations", 40
+    code = EXIT_MENDABLE if factor > 1.0 else 0  # too small to be fitted
+    assert run(*line, "--processes", 1) == code
+    printed, question = capsys.readouterr(), "middle at a distance of"
+    assert printed.err.count(question) == printed.out.count(question) == 1
+    assert "2 of 2 rows, as row 1: The pose has" in printed.out
+    assert "are the pose and the model in one unit?" in printed.out
+    assert (mixed / kind / "report.html").read_text("utf-8").count(question) == 1
+    assert run(*line) == code
+    assert capsys.readouterr().out.count(question) == 1
+
+
+def test_a_number_that_is_not_finite_is_left_empty_and_named(tmp_path: Path) -> None:
+    (tmp_path / "rows").mkdir()
+    job, result = Job(1, "p", "m", "s", "/", "key"), JobResult("", loss=math.nan, start_loss=2.0)
+    saved = save_result(tmp_path, job, replace(result, moved_px=math.inf, reasons="One."))
+    assert saved == replace(result, loss=None, reasons="One.\nNot finite: loss, moved_px.")
+    assert json.loads((tmp_path / "rows/key.json").read_text())["loss"] is None
 
 
 @pytest.mark.slow

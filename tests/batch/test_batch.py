@@ -240,6 +240,12 @@ def test_a_table_that_cannot_be_used_is_said(tmp_path, content, words, capsys):
     assert not (tmp_path / "out").exists()
 
 
+def test_an_empty_row_of_a_table_is_none(tmp_path):
+    text = ", ,\nphoto,model,start\n\na,b,c\n,,\n ,\t, \nd,e,f\n,\n"
+    table = write(tmp_path / "jobs.csv", text)
+    assert [(job.row, job.photo) for job in load_jobs(table, FitSettings())] == [(1, "a"), (2, "d")]
+
+
 def test_a_table_of_very_many_columns_is_read(tmp_path):
     table = tmp_path / "jobs.csv"
     many = ",".join(f"c{number}" for number in range(100_000))

@@ -7,21 +7,22 @@ OpenCV axes, pixel centres at integers.
 import json
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from msgspec import Meta
 
-from poseviewer.errors import PoseFileError
+from poseviewer.errors import PoseFileError, PoseViewerError
 from poseviewer.files.camera_forms import camera_of_matrix
 from poseviewer.files.checks import MAX_DATA_BYTES, InputFile, repair_rotation
 from poseviewer.files.formats import conversion as c
 from poseviewer.files.scene_assets import model_file, view_of_file
 from poseviewer.files.structs import check_camera
 from poseviewer.files.writing import make_folder, write_whole
-from poseviewer.geometry.camera import Camera, Perspective
+from poseviewer.geometry.camera import Camera, Perspective, Pose
 from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.geometry.transform import RigidTransform, Similarity
 from poseviewer.scene.types import Scene, SceneObject
@@ -31,6 +32,8 @@ MAX_DIGITS = 18
 UNIT = "mm"
 CAMERAS = "scene_camera.json"
 POSES = "scene_gt.json"
+INFO = "scene_gt_info.json"
+"""File of visible fractions and boxes; many scenes do not have it."""
 WORLD = ("cam_R_w2c", "cam_t_w2c")
 """BOP's names of the camera from the scene's world; many scenes do not have it."""
 PHOTO_NAME = r"(\d+)\.\w+"
@@ -43,6 +46,8 @@ SAME = 1e-9
 """Relative and absolute: files round cameras in their last digit."""
 
 SceneFile = dict[str, Any]
+ObjectNumber: Any = Annotated[int, Meta(ge=0)]
+"""BOP counts from 1, others from 0."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,6 +77,22 @@ class BopImage:
     objects: tuple[BopObject, ...] = ()
     camera_from_world: RigidTransform | None = None
     """None: the scene does not say it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BopEntry:
+    """A pose of a scene, read by itself: what is wrong with it spoils no other."""
+
+    image: int
+    photo: str
+    """As in ``BopImage``."""
+    object_id: int
+    pose: Pose | None
+    """None where there is a problem."""
+    problem: str
+    """Why there is no pose; or empty."""
+    visible: float | None
+    """Visible fraction of the object, in [0, 1]; None: the scene does not say it."""
 
 
 def write_bop(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) -> c.Contents:
@@ -131,25 +152,53 @@ def read_bop(path: Path, request: c.ConvertOptions) -> Scene:
 def load_bop_images(folder: Path, posed: bool = False) -> tuple[BopImage, ...]:
     """All images of a scene that have a camera, by number; ``posed``: with ``scene_gt.json``."""
     file, objects = InputFile(folder / CAMERAS), InputFile(folder / POSES)
-    for own in (file, objects) if posed else (file,):
-        if not own.path.is_file():
-            found = f"no such file in {folder}"
-            raise own.error(found, "name a BOP scene's folder, such as test/000002")
-    cameras, poses = load_scene_file(file.path), load_scene_file(objects.path)
+    cameras, poses = _by_number(file, True), _by_number(objects, posed)
     photos, images = _photos(folder), []
-    for name, entry in cameras.items():
-        if not (name.isdecimal() and len(name) <= MAX_DIGITS):
-            raise file.error(f"image {name[:40]!r}", "wanted images' numbers")
-        matrix = file.object(entry, f"image {name}").get("cam_K")
-        camera = check_camera(file, camera_of_matrix(file, matrix, f"cam_K of {name}"))
-        photo = photos.get(int(name), f"{PHOTO_FOLDERS[1]}/{int(name):06d}.png")
-        there = _objects(objects, poses.get(name, []), name)
+    for number, entry in cameras.items():
+        camera = _camera(file, cameras, number)
+        entries = enumerate(_entries(objects, poses, number))
+        there = tuple(_object(objects, own, f"pose {i} of image {number}") for i, own in entries)
         is_in_world = all(key in entry for key in WORLD)
-        world = _transform(file, entry, "w2c", f"image {name}") if is_in_world else None
-        images.append(BopImage(int(name), photo, camera, there, world))
+        world = _transform(file, entry, "w2c", f"image {number}") if is_in_world else None
+        images.append(BopImage(number, photos(number), camera, there, world))
     if not images:
         raise file.error("no image in it", "wanted a camera for each image")
     return tuple(sorted(images, key=lambda image: image.number))
+
+
+def load_bop_entries(folder: Path) -> list[BopEntry]:
+    """All poses of a scene, each by itself, in order of their images."""
+    files = file, objects, said = [InputFile(folder / name) for name in (CAMERAS, POSES, INFO)]
+    cameras, poses, infos = (_by_number(own, own is not said) for own in files)
+    photos, loaded = _photos(folder), []
+    for number in sorted(poses):
+        entries = poses[number] if isinstance(poses[number], list) else [poses[number]]
+        for i, entry in enumerate(entries):
+            what, pose, visible, problem = f"pose {i} of image {number}", None, None, ""
+            object_id = object_number(entry)
+            try:
+                camera, item = _camera(file, cameras, number), _object(objects, entry, what)
+                object_id, pose = item.object_id, Pose(camera, item.camera_from_model)
+                about = _entries(said, infos, number)[i : i + 1]
+                if about:
+                    share = said.object(about[0], what).get("visib_fract")
+                    visible = None if share is None else said.number(share, f"{what}.visib_fract")
+            except PoseViewerError as error:
+                pose, problem = None, str(error)
+            loaded.append(BopEntry(number, photos(number), object_id, pose, problem, visible))
+    return loaded
+
+
+def load_bop_camera(folder: Path, image: int) -> Perspective:
+    """Load the camera of an image of a scene."""
+    file = InputFile(folder / CAMERAS)
+    return _camera(file, _by_number(file, is_needed=True), image)
+
+
+def object_number(entry: Any) -> int:
+    """Return the number of the object of a pose's entry; 0 where it has none."""
+    number = entry.get("obj_id") if isinstance(entry, dict) else None
+    return number if isinstance(number, int) else 0
 
 
 def save_bop_images(
@@ -252,25 +301,50 @@ def _number(given: str | int | None, pattern: str, name: str, what: str, example
     raise PoseFileError(f"{found}; {wanted}.")
 
 
-def _photos(folder: Path) -> dict[int, str]:
-    return {
+def _by_number(file: InputFile, is_needed: bool) -> dict[int, Any]:
+    """Content of a scene's file by the images' numbers, of which some tools write zeros before."""
+    if is_needed and not file.path.is_file():
+        found = f"no such file in {file.path.parent}"
+        raise file.error(found, "name a BOP scene's folder, such as test/000002")
+    content = load_scene_file(file.path)
+    for name in content:
+        if not (name.isdecimal() and len(name) <= MAX_DIGITS):
+            raise file.error(f"image {name[:40]!r}", "wanted images' numbers")
+    numbered = {int(name): own for name, own in content.items()}
+    if len(numbered) < len(content):
+        raise file.error("two images of one number", "wanted each number once")
+    return numbered
+
+
+def _photos(folder: Path) -> Callable[[int], str]:
+    """A function that gives the photo of an image by its number."""
+    known = {
         int(path.stem): f"{name}/{path.name}"
         for name in PHOTO_FOLDERS
         for path in sorted((folder / name).glob("*"))
         if path.stem.isdecimal() and path.suffix.lower() in PHOTO_ENDINGS
     }
+    return lambda number: known.get(number, f"{PHOTO_FOLDERS[1]}/{number:06d}.png")
 
 
-def _objects(file: InputFile, entries: Any, image: str) -> tuple[BopObject, ...]:
+def _camera(file: InputFile, cameras: Mapping[int, Any], image: int) -> Perspective:
+    if image not in cameras:
+        raise file.error(f"image {image} has no camera", "wanted one for each image with poses")
+    matrix = file.object(cameras[image], f"image {image}").get("cam_K")
+    return check_camera(file, camera_of_matrix(file, matrix, f"cam_K of {image}"))
+
+
+def _entries(file: InputFile, content: Mapping[int, Any], image: int) -> list[Any]:
+    entries = content.get(image, [])
     if not isinstance(entries, list):
         raise file.error(f"image {image} is not a list", "wanted a list of poses")
-    objects = []
-    for number, entry in enumerate(entries):
-        what = f"pose {number} of image {image}"
-        said = file.object(entry, what)
-        place = _transform(file, said, "m2c", what)
-        objects.append(BopObject(int(file.positive(said.get("obj_id"), f"{what}.obj_id")), place))
-    return tuple(objects)
+    return entries
+
+
+def _object(file: InputFile, entry: Any, what: str) -> BopObject:
+    said = file.object(entry, what)
+    place = _transform(file, said, "m2c", what)
+    return BopObject(file.decode(said.get("obj_id"), ObjectNumber, f"{what}.obj_id"), place)
 
 
 def _transform(file: InputFile, said: dict[str, Any], way: str, what: str) -> RigidTransform:

@@ -99,6 +99,8 @@ def load_bop_estimates(path: Path) -> list[BopEstimate]:
         raise file.error(f"its head is {','.join(head)[:80]!r}", f"wanted {','.join(RESULTS)}")
     estimates = []
     for number, cells in enumerate(lines, 2):
+        if not any(cells):
+            continue
         what = f"line {number}"
         if len(cells) != len(RESULTS):
             raise file.error(f"{what} has {len(cells)} cells", f"wanted {len(RESULTS)}")

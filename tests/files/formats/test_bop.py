@@ -1,6 +1,7 @@
 """A scene's files as the BOP toolkit publishes them; appended to, never replaced."""
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,13 +11,14 @@ import pytest
 from msgspec import structs
 
 from poseviewer.errors import PoseFileError
-from poseviewer.files.formats.bop import BOP, load_bop_images, read_bop
+from poseviewer.files.formats.bop import BOP, load_bop_entries, load_bop_images, read_bop
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene_json import scene_of_pose
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.transform import RigidTransform
 from tests.files.formats.cases import HEIGHT, WIDTH, perspective_record
+from tests.writing import write as write_file
 
 
 def write(record: PoseRecord, folder: Path, **options: Any) -> None:
@@ -108,6 +110,42 @@ def test_one_of_many_poses_is_chosen(tmp_path):
     for image, number in ((None, None), ("3", 7), ("4", 5), (None, 5)):
         with pytest.raises(PoseFileError, match=r"--image|--object"):
             read_bop(tmp_path, ConvertOptions(image=image, object_id=number, **size))
+
+
+def test_numbers_with_zeros_before_and_objects_from_0_are_read(tmp_path):
+    record = perspective_record("mm")
+    for image in ("3", "12"):
+        write(record, tmp_path, image=image, object_id=5)
+    poses = json.loads((tmp_path / "scene_gt.json").read_text())
+    poses = {f"{int(name):06d}": [{**own[0], "obj_id": 0}] for name, own in poses.items()}
+    (tmp_path / "scene_gt.json").write_text(json.dumps(poses))
+    images = load_bop_images(tmp_path, posed=True)
+    assert [(one.number, one.objects[0].object_id) for one in images] == [(3, 0), (12, 0)]
+    (tmp_path / "scene_gt.json").write_text(json.dumps(poses | {"12": []}))
+    with pytest.raises(PoseFileError, match="two images of one number"):
+        load_bop_images(tmp_path, posed=True)
+
+
+def test_poses_of_a_scene_are_read_each_by_itself(tmp_path):
+    write(perspective_record("mm"), tmp_path)
+    poses, cameras = tmp_path / "scene_gt.json", tmp_path / "scene_camera.json"
+    (good,) = json.loads(poses.read_text())["3"]
+    good["obj_id"] = 0
+    bad = [{**good, "obj_id": value} for value in ("x", -1, None, 2.5)]
+    bad += [{**good, "cam_t_m2c": [math.nan, 0, 9]}, {**good, "cam_R_m2c": [0] * 9}, 7]
+    write_file(poses, {"3": [*bad, good], "004": None, "5": [good], "12": [good]})
+    (camera,) = json.loads(cameras.read_text()).values()
+    write_file(cameras, {"3": camera, "04": camera, "5": {"cam_K": [0] * 9}})
+    info = {"3": [{}] * len(bad) + [{"visib_fract": 0.0}]}
+    write_file(tmp_path / "scene_gt_info.json", info)
+    entries = load_bop_entries(tmp_path)
+    assert [entry.image for entry in entries] == [3] * 8 + [4, 5, 12]
+    assert [i for i, entry in enumerate(entries) if not entry.problem] == [7]
+    assert all((entry.pose is None) == bool(entry.problem) for entry in entries)
+    assert (entries[7].object_id, entries[7].visible) == (0, 0.0)
+    words = "pose 0 of image 3.obj_id", "image 4", "cam_K of 5", "image 12 has no camera"
+    for i, word in zip((0, 8, 9, 10), words, strict=True):
+        assert word in entries[i].problem
 
 
 @pytest.mark.parametrize("name", ["left", "-1", "9" * 5001])
