@@ -6,7 +6,7 @@ lens and belongs to no form is an error that names the key.
 
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sized
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
@@ -21,6 +21,8 @@ from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel
 
 MAX_SKEW = 1e-6
 MAX_DEPTH = 8
+MAX_SHARED = 200_000
+"""Values that hold for several cameras, counted for each: some ten for each are usual."""
 ALIASES = {
     "matrix": "cameramatrix intrinsicmatrix intrinsicsmatrix camk mtx k m kmatrix matrix",
     "intrinsics": "intrinsic cameraintrinsics projectionparameters",
@@ -48,12 +50,14 @@ UNNAMED = (
 """Mappings whose names tell no cameras apart."""
 LABELS = ("label", "file_path", "#name", "name", "intrinsicId", "id", "key")
 """Keys of what an entry of a list is called."""
+SHORT = "(?!.{64})"
+"""Start of a pattern that tries all parts of a name: those in use have fewer letters."""
 SIZE_WORDS = (
     "(?:image|img|im|frame|picture|photo|video|camera|cam|calibration|calib|captured|capture|"
     "original|orig|colou?r|rgb|raw|pixels?|px|resolution|res|sizes?|dimensions?|dims?)*"
 )
 SIZE_LIKE = re.compile(
-    f"{SIZE_WORDS}(?P<side>width|height|cols|columns|rows|wh|hw|[xywh]|shape|){SIZE_WORDS}"
+    f"{SHORT}{SIZE_WORDS}(?P<side>width|height|cols|columns|rows|wh|hw|[xywh]|shape|){SIZE_WORDS}"
 )
 """Names, in small letters without ``_``, of the pictures' width, height or both."""
 SIZED = re.compile("size|dim|res|shape|photo|picture|image|img|frame")
@@ -109,7 +113,7 @@ ASK_MODEL = (
 )
 COUNTS_OF_LENSES = (5, 8, 14)
 """Counts of OpenCV's coefficients that a list of anything else seldom has."""
-SIDED = re.compile(r"(left|right)?(.*?)(left|right|\d*)")
+SIDED = re.compile(SHORT + r"(left|right)?(.*?)(left|right|\d*)")
 """A name between what tells the cameras of a file apart."""
 
 
@@ -391,10 +395,12 @@ def cameras_in(
         for name in ("matrix", "distortion"):
             shared.pop(name, None)
         known += mapping.items()
-        for number, entries in of_number.items():
+        cameras_here = {n: e for n, e in of_number.items() if n == "" or "matrix" in e}
+        _check_shared(shared, len(cameras_here))
+        for number, entries in cameras_here.items():
             own = _Fields(file, shared | entries if number else entries, photo, is_turned, above)
             form = next((form for form in FORMS if all(name in own for name in form.needs)), None)
-            if form is not None and (number == "" or "matrix" in entries):
+            if form is not None:
                 name = "-".join(part for part in (path, number) if part)
                 fx, fy, cx, cy = form.pinhole(own)
                 size = own.size(cx, cy)
@@ -457,6 +463,12 @@ def _is_number(value: Any) -> bool:
     return False
 
 
+def _check_shared(values: Sized, count: int) -> None:
+    """Raise where values that hold for each of a ``count`` of cameras are too many in all."""
+    if len(values) * count > MAX_SHARED:
+        raise ValueError(f"{len(values):,} values that hold for each of {count:,} cameras")
+
+
 def _is_pair(value: Any) -> bool:
     return isinstance(value, list) and len(value) == 2 and isinstance(value[1], dict)
 
@@ -509,6 +521,9 @@ def _mappings(
     if not isinstance(node, dict) or not depth:
         return
     entries, inner = {}, []
+    lists = {name: own for name, own in node.items() if isinstance(own, list) and own}
+    sizes = {n: own for n, own in lists.items() if _size_field(_plain(n), own[0])}  # Basalt's
+    _check_shared(sizes, sum(len(own) for own in lists.values() if isinstance(own[0], dict)))
     for key, value in node.items():
         if isinstance(value, list) and value and all(map(_is_pair, value)):
             value = {str(name): own for name, own in value}  # DepthAI's cameras by their sockets
@@ -517,22 +532,24 @@ def _mappings(
         is_base = key == "value0" and isinstance(value, dict) and "principal_point" in value
         if len(sides := _pick_sides(key, value)) == 2:
             both = dict(zip(("width", "height"), sides, strict=True))
-            entries |= both | entries if field_name == "imagesize" else {key: sides}
+            is_field = field_name == "imagesize"
+            entries |= {n: entries.get(n, both[n]) for n in both} if is_field else {key: sides}
         elif isinstance(value, dict) and is_mapping and (is_base or field_name in MERGED):
             entries |= {k: v for k, v in value.items() if not isinstance(v, dict)}
             inner += [(k, v) for k, v in value.items() if isinstance(v, dict)]
         elif isinstance(value, list) and value and isinstance(value[0], dict):
             adjusted = [one for one in value if one.get("class") == "adjusted"]
-            for number, one in enumerate(adjusted or value):
-                is_frame = key == "frames"  # of nerfstudio's, some say cameras of their own
-                more = {k: v for k, v in node.items() if k != key and (k == "version" or is_frame)}
-                for name, own in node.items():  # Basalt has a list of sizes beside that of cameras
-                    if name != key and isinstance(own, list) and len(own) == len(value):
-                        is_size = _size_field(_plain(name), own[number])
-                        more |= {name: own[number]} if is_size else {}
+            is_frame = key == "frames"  # of nerfstudio's, some say cameras of their own
+            shared = node if is_frame else ("version",)
+            more = {k: node[k] for k in shared if k != key and k in node}
+            all_ones = enumerate(adjusted or value)
+            ones = [(at, one) for at, one in all_ones if not is_frame or "fl_x" in one]
+            _check_shared(more, len(ones))
+            beside = [(n, own) for n, own in sizes.items() if n != key and len(own) == len(value)]
+            for number, one in ones:
+                pairs = {n: own[number] for n, own in beside if _size_field(_plain(n), own[number])}
                 label = next((one[k] for k in LABELS if k in one), number)
-                if not is_frame or "fl_x" in one:
-                    inner.append((label, more | one))
+                inner.append((label, more | pairs | one))
         else:
             entries[key] = value
             inner += [(key, value)] * is_mapping
@@ -540,6 +557,7 @@ def _mappings(
     own = _entries_of(entries).get("", {}).items()
     own = {n: e for n, e in own if TYPE_LIKE.match(n) or n in ("isfisheye", *SIZES)}
     above = {n: e for n, e in above.items() if n not in SIZES or own.keys().isdisjoint(SIZES)} | own
+    _check_shared(above, len(inner))
     for key, value in inner:
         named = {"named": (str(key), True)} if FISHEYE_LIKE.search(_plain(key)) else {}
         yield from _mappings(value, (*path, str(key).strip()), depth - 1, above | named)

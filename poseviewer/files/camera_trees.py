@@ -3,6 +3,7 @@
 import csv
 import re
 from contextlib import suppress
+from dataclasses import replace
 from io import BytesIO, StringIO
 from typing import Any
 from xml.etree import ElementTree
@@ -12,14 +13,16 @@ import yaml
 
 from poseviewer.files.checks import InputFile, quiet_libraries
 
+MAX_TEXT_BYTES = 1_000_000
+"""Limit of a text, CSV or YAML, which is read in seconds; calibrations have less."""
 MAX_ARRAY_NUMBERS = 10_000
 """Bytes of an array that may say a camera."""
 LOADER = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
 """Every number a text, every tag and anchor plain; libyaml's where PyYAML was built with it."""
-NO_BLANK = re.compile(r"^(\s*[\w.]*[A-Za-z][\w.]*):(?=[\[{\"!\d.+-])", re.MULTILINE)
+NO_BLANK = re.compile(r"^([^\S\n]*+(?=[\w.]*[A-Za-z])[\w.]++):(?=[\[{\"!\d.+-])", re.MULTILINE)
 """A key of YAML, and its colon without a blank behind it."""
 SECTION = re.compile(r"\s*\[\s*([A-Za-z]\w*)\s*\]\s*")
-KEY = re.compile(r"\s*(?P<key>[A-Za-z][\w ]*?)\s*([:=](?P<numbers>.*))?")
+KEY = re.compile(r"\s*+(?P<key>[A-Za-z]\w*+(?: ++\w++)*+)\s*+([:=](?P<numbers>.*))?")
 """Lines of a text: the name of a section; a key, alone or with numbers."""
 BETWEEN = re.compile(r"[\[\](),;]")
 TREES = (".yml", ".yaml", ".xml", ".json", ".sfm", ".npz", ".npy", ".csv", ".txt", ".ini")
@@ -35,25 +38,45 @@ def load_tree(file: InputFile) -> Any:
         case ".txt" | ".ini":
             return _of_text(file)
         case ".csv":
-            return {"rows": list(csv.DictReader(StringIO(file.load_text())))}
+            rows = [row for row in csv.reader(StringIO(_short_text(file))) if any(row)]
+            return {"rows": [dict(zip(rows[0], row, strict=False)) for row in rows[1:]]}
     text, data = file.load_text(), None
     with suppress(yaml.YAMLError, ElementTree.ParseError, RecursionError):
         if text.lstrip().startswith("<"):
             data = _of_element(ElementTree.fromstring(text))  # expat refuses bombs of entities
-        else:  # its head is none that YAML knows; what OpenCV calls a matrix is a mapping
-            body = re.sub(r"\A\s*%YAML:1\.0", "", text)
-            body = NO_BLANK.sub(r"\1: ", body)  # cv2.FileStorage reads ``data:[``
-            data = next(iter(yaml.load_all(body, LOADER)), None)
+        else:
+            data = _of_yaml(file)
     if isinstance(data, dict | list):
         return data
     raise file.error("not YAML or XML as OpenCV writes it", "wanted a whole file")
+
+
+def _of_yaml(file: InputFile) -> Any:
+    """The first document of a YAML file, with OpenCV's head, which none that YAML knows is."""
+    body = re.sub(r"\A\s*%YAML:1\.0", "", _short_text(file))
+    body = NO_BLANK.sub(r"\1: ", body)  # cv2.FileStorage reads ``data:[``
+    data = next(iter(yaml.load_all(body, LOADER)), None)  # what it calls a matrix is a mapping
+    if _count_letters(data, {}) > MAX_TEXT_BYTES:
+        found = f"its aliases stand for more than {MAX_TEXT_BYTES:,} letters"
+        raise file.error(found, "wanted a calibration without them")
+    return data
+
+
+def _count_letters(value: Any, known: dict[int, int]) -> int:
+    """Count the letters of a tree, those of a YAML alias wherever it stands."""
+    if not isinstance(value, dict | list):
+        return 1 + len(value)
+    if id(value) not in known:
+        inner = [*value, *value.values()] if isinstance(value, dict) else value
+        known[id(value)] = 1 + sum(_count_letters(own, known) for own in inner)
+    return known[id(value)]
 
 
 def _of_text(file: InputFile) -> dict[str, Any]:
     """Parse ``[sections]``, ``key: numbers``, ``key = numbers`` and keys above numbers."""
     tree: dict[str, dict[str, Any]] = {"": {}}
     entries, key = tree[""], ""
-    for line in file.load_text().splitlines():
+    for line in _short_text(file).splitlines():
         line = line.partition("#")[0]
         words = line.split()
         section = SECTION.fullmatch(line)
@@ -86,7 +109,11 @@ def _of_text(file: InputFile) -> dict[str, Any]:
 
 def matrix_text(file: InputFile) -> str:
     """The numbers in a text, without what may stand between them."""
-    return BETWEEN.sub(" ", file.load_text())
+    return BETWEEN.sub(" ", _short_text(file))
+
+
+def _short_text(file: InputFile) -> str:
+    return replace(file, largest=MAX_TEXT_BYTES).load_text()
 
 
 def _arrays(file: InputFile) -> dict[str, Any]:

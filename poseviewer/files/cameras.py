@@ -15,7 +15,7 @@ from poseviewer.geometry.lens import UPRIGHT, LensModel, rotate_camera, rotate_l
 
 KIND = "file of cameras"
 MAX_HEAD_LETTERS = 2000
-COLMAP_LIKE = re.compile(rb"^\s*\d+\s+[A-Z_]+\s+\d+\s+\d+", re.MULTILINE)
+COLMAP_LIKE = re.compile(rb"^[^\S\n]*+\d++\s++[A-Z_]++\s++\d++\s++\d", re.MULTILINE)
 """A line of COLMAP's cameras: number, model, width and height."""
 MIN_FOCAL = 0.02
 """Focal length in widths of the photo, which then shows 175 degrees."""

@@ -19,6 +19,7 @@ from poseviewer.files.image_sequence import natural_order
 from poseviewer.files.keypoints import keypoints_path
 from poseviewer.files.mesh.load import ELSEWHERE, READERS
 from poseviewer.files.mesh.named import bare_name, find_named, plain_name
+from poseviewer.files.mesh.parts import MAX_TEXTURES
 from poseviewer.files.mesh.references import names_in
 from poseviewer.files.photo import ENDINGS as PICTURES
 from poseviewer.files.photo import RAW_ENDINGS, was_taken_by_a_camera
@@ -172,7 +173,7 @@ def model_files(path: Path, others: Sequence[Path]) -> ModelFiles:
     names_pictures, scattered = False, False
     while waiting:
         file = waiting.pop()
-        for written, is_read in names_in(file).items():
+        for written, is_read in islice(names_in(file).items(), MAX_TEXTURES):
             beside = find_named(file.parent, written)
             match = beside or _alike(written, by_name)
             is_picture = not written.lower().endswith(NO_PICTURES)

@@ -246,6 +246,7 @@ def test_the_cameras_of_a_file_are_told_apart_by_names_numbers_and_sides(tmp_pat
 
     assert names({"left": {"K": K, "D": BROWN}, "right": {"K": K}}) == ["left", "right"]
     assert names({"K1": K, "D1": BROWN, "K2": K, "P1": K}) == ["1", "2"]
+    assert len(names({f"K_{number:03}": K for number in range(300)})) == 300
     assert names({"camera_matrix_left": K, "dist_left": BROWN, "cameraMatrixRight": K}) == [
         "left", "right"]  # fmt: skip
     assert names([{"id": "p", "camera": FOCALS}, {"id": "q", "camera": FOCALS}]) == ["p", "q"]

@@ -197,15 +197,53 @@ def test_broken_files_are_refused_with_one_sentence(tmp_path, name, capfd):
     assert capfd.readouterr().err == ""
 
 
+BOMB = "a: &a0 [0, 0]\n" + "".join(f"b{i}: &a{i} [*a{i - 1}, *a{i - 1}]\n" for i in range(1, 99))
+ROWS = [[9, 0, 4], [0, 9, 3], [0, 0, 1]]
+HOSTILE = {
+    "blanks.txt": ("a" + " " * 900_000 + "!\n1\n", "matrix.0. is 'a'"),
+    "dots.yml": ("a." * 400_000, "as OpenCV writes"),
+    "aliases.yml": (MATRIX_TEXT + BOMB + "distx: *a98\n", "more than 1,000,000 letters"),
+    "long.yml": (f"a: &a {'b' * 400_000}\nc: [*a, *a, *a]\n", "aliases stand for more"),
+    "endless.yml": ("a: &a [*a]\n", "as OpenCV writes"),
+    "large.yml": (MATRIX_TEXT + "#" * 1_000_000, "takes a file of cameras of up to 1,000,000"),
+    "large.txt": ("a: 1\n" * 200_001, "takes a file of cameras of up to 1,000,000"),
+    "large.csv": ("a,b\n" * 250_001, "takes a file of cameras of up to 1,000,000"),
+    "frames.json": ({"frames": [{"fl_x": 1}] * 9000, **{f"a{i}": 1 for i in range(9000)}},
+                    "9,000 values that hold for each of 9,000 cameras"),
+    "matrices.json": ({f"{name}{i}": ROWS for name in "Ka" for i in range(900)},
+                      "900 values that hold for each of 901 cameras"),
+    "types.json": ({f"{i}type": "x" for i in range(9000)}
+                   | {f"c{i}": {"a": 1} for i in range(9000)},
+                   "9,000 values that hold for each of 9,000 cameras"),
+    "sizes.json": ({f"resolution{'_' * i}": [[640, 480]] for i in range(500)}
+                   | {f"c{i}": [{"K": ROWS}] for i in range(500)},
+                   "500 values that hold for each of 500 cameras"),
+}  # fmt: skip
+"""Small files that took minutes, or for ever."""
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_no_small_file_takes_for_ever(tmp_path, name):
+    content, words = HOSTILE[name]
+    with pytest.raises(CalibrationFileError, match=words):
+        load_cameras(write(tmp_path / name, content))
+
+
+@pytest.mark.parametrize("key", ["image" * 20_000 + "!", "1" * 400_000 + "!"])
+def test_a_key_of_very_many_letters_is_passed_over(tmp_path, key):
+    (found,) = load_cameras(write(tmp_path / "a.json", {"K": ROWS, key: 1}))
+    assert found.camera.fx == 9.0
+
+
 MUCH = 'image_points:\n   rows: 1\n   cols: 9000\n   dt: "2f"\n   data: [ '
 MUCH += ", ".join(["1."] * 18_000) + " ]\n" + "".join(f"n{i}: {i}\n" for i in range(3000))
-ONE_LINE = "keys: {" + ", ".join(f"n{i}: {i}" for i in range(200_000)) + "}\n"
+ONE_LINE = "keys: {" + ", ".join(f"n{i}: {i}" for i in range(50_000)) + "}\n"
 
 
-SLOW = pytest.param(ONE_LINE, marks=pytest.mark.slow)
-
-
-@pytest.mark.parametrize("more", ["", "---\n- other\n- document\n", "...\n- more\n", MUCH, SLOW])
+@pytest.mark.parametrize("more", [
+    "", "---\n- other\n- document\n", "...\n- more\n", MUCH, "a: &a [1, 2]\nb: [*a, *a]\n",
+    pytest.param(ONE_LINE, marks=pytest.mark.slow), "\n" * 900_000,
+], ids=range(7))  # fmt: skip
 def test_a_matrix_of_plain_yaml_is_read_and_what_is_besides_passed_over(tmp_path, more):
     (found,) = load_cameras(write(tmp_path / "c.yml", MATRIX_TEXT + more))
     assert (found.camera.fx, found.camera.cx) == (9.0, 4.5)

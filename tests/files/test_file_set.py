@@ -57,6 +57,14 @@ def test_of_two_pictures_of_one_name_the_nearer_is_taken(tmp_path: Path) -> None
     assert model_files(path, [path.with_suffix(".mtl"), *places]).named["red/wood.png"] == places[1]
 
 
+def test_of_very_many_pictures_of_a_model_so_many_are_looked_for_as_are_read(tmp_path, monkeypatch):
+    monkeypatch.setattr("poseviewer.files.file_set.MAX_TEXTURES", 2)
+    names = [f"{number}.png" for number in range(3)]
+    images = "".join(f"<image><init_from>{name}</init_from></image>" for name in names)
+    path, *pictures = (write(tmp_path / name, images) for name in ("m.dae", *names))
+    assert [*model_files(path, pictures).named] == names[:2]
+
+
 def test_photo_model_camera_and_pose_are_told_apart_by_what_they_hold(tmp_path: Path) -> None:
     photo = picture(tmp_path / "street.png")
     model = write(tmp_path / "car.obj", PLAIN)

@@ -26,7 +26,7 @@ IDLE = ("", "s", "mg", "lod", "bevel", "c_interp", "d_interp", "usemap", "maplib
 """Words that say nothing of shape and colour."""
 MAX_LIBRARIES = 1000
 """Material files of a model: each that is missing is sought in several folders."""
-OPTIONS = re.compile(r"(-\S* ((-?(\d+\.?\d*|\.\d+)|on|off)? )*)*")
+OPTIONS = re.compile(r"(-\S*+ ((-?(\d++\.?\d*+|\.\d++)|on|off)? )*+)*+")
 """Options before a picture's name, which may hold spaces: ``-s 1 1 1`` or ``-clamp on``."""
 NOT_NEUTRAL = re.compile(r" -?(?![01](\.0*)? )[\d.]+ ")
 """A number in them that moves or scales the picture: neither 0 nor 1."""

@@ -11,8 +11,8 @@ from poseviewer.files.mesh.parts import ModelParts, Part, check_indices, colours
 from poseviewer.files.mesh.polygons import polygon_corners
 
 HEADER = re.compile(
-    r"\s*(?:(?:ST)?(?P<colours>C)?(?P<normals>N)?(?P<other>4?n?)OFF(?P<binary>\s+BINARY)?)?"
-    r"\s*(\d+)\s+(\d+)([^\S\n]+\d+)?[^\S\n]*\n", re.ASCII
+    r"\s*+(?:(?:ST)?(?P<colours>C)?(?P<normals>N)?(?P<other>4?n?)OFF(?P<binary>\s++BINARY)?)?"
+    r"\s*+(\d++)\s++(\d++)([^\S\n]++\d++)?[^\S\n]*+\n", re.ASCII
 )  # fmt: skip
 COMMENT = re.compile(r"#[^\n]*")
 

@@ -10,8 +10,8 @@ from poseviewer.files.mesh.parts import ModelParts, Part
 
 HEADER_BYTES = 84
 TRIANGLE_BYTES = 50
-SOLID = re.compile(r"^[ \t]*(end)?[ \t]*solid\b", re.MULTILINE | re.IGNORECASE)
-VERTEX = re.compile(r"^[ \t]*vertex\b[^\n]*", re.MULTILINE | re.IGNORECASE)
+SOLID = re.compile(r"^[ \t]*+(end)?[ \t]*+solid\b", re.MULTILINE | re.IGNORECASE)
+VERTEX = re.compile(r"^[ \t]*+vertex\b[^\n]*+", re.MULTILINE | re.IGNORECASE)
 
 
 def read_stl(path: Path) -> ModelParts:

@@ -1,4 +1,4 @@
-"""Huge models, and models with very many textures or parts, take bounded memory."""
+"""Huge and hostile models, and those of very many textures, take bounded memory and time."""
 
 from pathlib import Path
 
@@ -7,6 +7,7 @@ from PIL import Image
 
 from poseviewer.errors import MeshFileError
 from poseviewer.files.mesh.load import load_mesh
+from tests.writing import write
 
 
 def textured_obj(folder: Path, **sides: int) -> Path:
@@ -42,3 +43,23 @@ def test_models_of_too_many_faces_or_parts(tmp_path, monkeypatch, most):
     monkeypatch.setattr(f"poseviewer.files.mesh.surface.{most}", 2)
     with pytest.raises(MeshFileError, match=r"^model\.obj: 3 \w+; poseviewer takes up to 2, simp"):
         load_mesh(path)
+
+
+BLANKS = "\n" + "\t" * 900_000
+TRIANGLE = "facet\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+
+
+def test_blanks_without_end_take_no_time(tmp_path):
+    """Each took minutes."""
+    with pytest.raises(MeshFileError, match="no OFF header"):
+        load_mesh(write(tmp_path / "a.off", BLANKS))
+    mesh = load_mesh(write(tmp_path / "a.stl", f"solid a\n{BLANKS}\n{TRIANGLE}endsolid a\n"))
+    assert len(mesh.faces) == 1
+
+
+def test_a_texture_of_a_name_of_very_many_letters_is_noted(tmp_path):
+    path = textured_obj(tmp_path, a=4)
+    write(tmp_path / "model.mtl", f"newmtl a\nmap_Kd -s {'1' * 900_000}!\n")
+    (note,) = load_mesh(path).notes
+    assert len(note) < 1000
+    assert note.startswith("Texture left out")

@@ -10,6 +10,7 @@ import pytest
 from poseviewer.files.mesh.named import find_named
 from poseviewer.files.mesh.references import names_in
 from tests.textured import write_ply
+from tests.writing import write
 
 
 def test_an_obj_names_its_mtl_and_that_its_pictures(tmp_path: Path) -> None:
@@ -47,6 +48,19 @@ def test_damaged_files_name_nothing(tmp_path: Path, name: str, data: bytes) -> N
     (tmp_path / name).write_bytes(data)
     assert names_in(tmp_path / name) == {}
     assert names_in(tmp_path / "gone.obj") == {}
+
+
+ENDLESS = {
+    "a.dae": "<image><init_from> wood.png </init_from></image>" + "<image>" * 120_000,
+    "a.mtl": "bump" + " " * 900_000 + "\nmap_Kd wood.png",
+    "a.obj": "mtllib" + "\t" * 900_000 + "\nmtllib wood.png",
+}
+"""Small files that took minutes."""
+
+
+@pytest.mark.parametrize("name", ENDLESS)
+def test_no_small_file_is_searched_for_names_for_ever(tmp_path: Path, name: str) -> None:
+    assert names_in(write(tmp_path / name, ENDLESS[name])) == {"wood.png": True}
 
 
 @pytest.mark.parametrize(("place", "written"), [
