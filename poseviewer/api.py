@@ -49,7 +49,7 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.attributes import AttributeImage, Renderer
-from poseviewer.render.overlay import RENDER_STYLES
+from poseviewer.render.overlay import LOOKS
 from poseviewer.render.overlay.styles import SOLID_OPACITY, ModelInPhoto, Picture, draw_style
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import visible_fraction
@@ -305,15 +305,15 @@ class PosedScene:
         """Draw the visible pixels of the objects over a photo: (height, width, 3), RGB.
 
         Args:
-            look: one of ``render.overlay.RENDER_STYLES``.
+            look: one of ``render.overlay.LOOKS``.
             opacity: of the look ``solid``, in [0, 1].
             view: index; default: the view whose chart is used.
 
         Raises:
             PoseViewerError: there is no such look; the settings do not go with an object.
         """
-        if look not in RENDER_STYLES:
-            wanted = f"choose one of {', '.join(RENDER_STYLES)}"
+        if look not in LOOKS:
+            wanted = f"choose one of {', '.join(LOOKS)}"
             raise SettingsError(f"there is no look {look!r}; {wanted}")
         view = self.view_index if view is None else view
         photo = self.views[view].photo

@@ -7,7 +7,7 @@ from poseviewer.cli.terminal import say, tell_of_compiling
 from poseviewer.errors import EXIT_INTERRUPTED
 from poseviewer.files.writing import make_folder
 
-LOOKS = ("outline", "relit", "residual")
+DRAWN = ("outline", "relit", "residual")
 OPTIONS = {"": ()}
 EXAMPLES = ("poseviewer demo", "poseviewer info poseviewer-demo/pose.json")
 FOLDER = Path("poseviewer-demo")
@@ -25,9 +25,9 @@ def run(_: Namespace) -> int:
     files = demo_case()
     result = search(load(files.photo, files.model, files.start), quiet=False)
     result.save(FOLDER / "pose.json")
-    for look in LOOKS:
+    for look in DRAWN:
         result.draw(FOLDER / f"{look}.png", look)
     result.start.draw(FOLDER / "start.png")
-    names = ", ".join(f"{look}.png" for look in ("start", *LOOKS))
+    names = ", ".join(f"{look}.png" for look in ("start", *DRAWN))
     say(f"The pose and pictures of it are in {FOLDER}/: pose.json, {names}.")
     return EXIT_INTERRUPTED if result.stopped else 0

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from poseviewer.errors import SettingsError
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.render.overlay import RENDER_STYLES
+from poseviewer.render.overlay import LOOKS
 from poseviewer.scene.settings import CHOICES, Limits
 
 T = TypeVar("T")
@@ -146,7 +146,7 @@ PHOTO = option("photo PHOTO|SCENE.json", "photo, or a scene file without MODEL",
 MODEL = option("model MODEL", "3D model of the object", nargs="?")
 FILES = (PHOTO, MODEL, QUIET)
 LOOK = option(
-    "--look", "draw the model so (default: %(default)s)", RENDER_STYLES, default=RENDER_STYLES[0]
+    "--look", "draw the model so (default: %(default)s)", list(LOOKS), default=next(iter(LOOKS))
 )
 LOSS = option("--loss", "minimise the default loss, or the paper's of grey (default: default)")
 SEARCH = option("--search", "minimise by simplex or by CMA-ES and models (default: auto, by loss)")

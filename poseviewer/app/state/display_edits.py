@@ -26,7 +26,7 @@ def show_results(session: Session, document: Document, **values: Any) -> Session
 
 @drag_edit
 def show_style(session: Session, style: str) -> Session:
-    """Show the model in a render style."""
+    """Show the model in a look."""
     return set_fields("display", style=style, photo_alone=False)(session)
 
 

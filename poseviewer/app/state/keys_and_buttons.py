@@ -22,9 +22,10 @@ from poseviewer.app.state.search_edits import (
     search_all,
     toggle_search,
 )
+from poseviewer.render.overlay import LOOKS
 
-STYLES = {"1": "outline", "2": "solid", "3": "relit", "4": "normals", "5": "residual", "0": "none"}
-"""Render style of the model by each key."""
+STYLES = {look.key: name for name, look in LOOKS.items() if look.key}
+"""Look of the model by each key."""
 NUDGES: Mapping[tuple[str, str], tuple[NudgeKind, float, float]] = {
     ("left", "right"): ("move", 1.0, 0.0),
     ("up", "down"): ("move", 0.0, 1.0),

@@ -50,7 +50,7 @@ class Display:
     """Choices of how model and maps are shown."""
 
     style: str = "outline"
-    """Render style of the model."""
+    """Look of the model, one of ``render.overlay.LOOKS``."""
     opacity: float = 0.8
     """Opacity of the style ``solid``."""
     photo_alone: bool = False

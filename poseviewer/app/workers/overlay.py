@@ -27,6 +27,7 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.render.overlay import LOOKS
 from poseviewer.render.overlay.contour import Sketch, quick_silhouette, silhouette
 from poseviewer.render.overlay.edges import find_lines
 from poseviewer.render.overlay.styles import ModelInPhoto, Relight, draw_style, line_scale
@@ -132,7 +133,7 @@ class OverlayDrawer:
         pose = document.pose.rescale(factor)
         pixels = _cached_pixels(photo, pose.camera.width, pose.camera.height)
         relight: Relight | None = None
-        if display.style in ("relit", "residual"):
+        if LOOKS[display.style].needs_light:
             views = self._reader.views(request)
             compared = next((view.photo for view in views if view.view_index == view_index), None)
             if compared is None:

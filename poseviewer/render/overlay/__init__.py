@@ -1,8 +1,24 @@
 """Pictures of the model over the photo."""
 
-from typing import Literal, get_args
+from typing import NamedTuple
 
-RenderStyle = Literal["outline", "edges", "relit", "residual", "normals", "solid", "none"]
-"""Style in which the model is drawn over the photo."""
-RENDER_STYLES: tuple[RenderStyle, ...] = get_args(RenderStyle)
-"""All render styles; the first is the default."""
+
+class Look(NamedTuple):
+    """How the model is drawn over the photo; ``styles.draw_style`` draws it."""
+
+    key: str | None = None
+    """Key that shows it on the page, whose list has the looks with a key."""
+    needs_light: bool = False
+    """Whether the light is recovered from the photo first."""
+
+
+LOOKS = {
+    "outline": Look("1"),
+    "solid": Look("2"),
+    "relit": Look("3", needs_light=True),
+    "normals": Look("4"),
+    "residual": Look("5", needs_light=True),
+    "none": Look("0"),
+    "edges": Look(),
+}
+"""Looks by name; the first is the default."""

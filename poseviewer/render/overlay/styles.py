@@ -1,4 +1,4 @@
-"""The model over the photo, in one of the render styles."""
+"""The model over the photo, in one of the looks."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -51,13 +51,13 @@ class ModelInPhoto:
     pose: Pose
     """Pose of the model; its camera has the photo's size."""
     relight: Relight | None = None
-    """Relighting of the model, which the styles ``relit`` and ``residual`` need."""
+    """Relighting of the model, for looks that need the light."""
     opacity: float = SOLID_OPACITY
     """Opacity of the style ``solid``, in [0, 1]."""
 
 
 def draw_style(name: str, view: ModelInPhoto) -> Picture:
-    """Draw the photo (H, W, 3) with the model in a render style, one of ``RENDER_STYLES``."""
+    """Draw the photo (H, W, 3) with the model in a look, one of ``LOOKS``."""
     window = None if name == "none" else model_window(view.mesh, view.pose)
     if window is None:
         return view.photo.copy()

@@ -10,7 +10,7 @@ from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.image import GREY_WEIGHTS
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.attributes import AttributeImage
-from poseviewer.render.overlay import RENDER_STYLES
+from poseviewer.render.overlay import LOOKS
 from poseviewer.render.overlay.edges import find_lines
 from poseviewer.render.overlay.residual import diverging_colours, paint_residual
 from poseviewer.render.overlay.styles import LINE_COLOUR, ModelInPhoto, draw_style
@@ -132,7 +132,7 @@ def test_relit_shows_the_relit_model_and_the_photo_beside_it():
     assert np.array_equal(picture[~mask], view.photo[~mask])
 
 
-@pytest.mark.parametrize("look", RENDER_STYLES)
+@pytest.mark.parametrize("look", LOOKS)
 def test_photo_is_untouched_away_from_the_model(look):
     view = make_view(CUBE, cube_pose(), lambda image: np.zeros((*image.mask.shape, 3)))
     before = view.photo.copy()
@@ -163,5 +163,5 @@ def test_any_pose_and_any_small_photo_can_be_drawn(position, size):
     camera = Perspective.from_field_of_view(50.0, size[0], size[1])
     pose = Pose(camera, RigidTransform.from_rotation_vector([0.3, 0.4, 0.0], position))
     view = make_view(CUBE, pose, lambda image: np.zeros((*image.mask.shape, 1)))
-    for look in RENDER_STYLES:
+    for look in LOOKS:
         assert draw_style(look, view).shape == (size[1], size[0], 3)
