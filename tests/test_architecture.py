@@ -1,6 +1,7 @@
 """Packages stay apart: imports, printing, threads."""
 
 import ast
+import re
 import subprocess
 import sys
 from collections import Counter
@@ -90,3 +91,20 @@ def test_fields_of_an_object_are_listed_in_few_places():
         "starts/loading.py: open_views",  # what a pose file says of several photos
         "app/state/objects.py: with_added",  # another object like the active one
     }
+
+
+def test_files_and_names_of_how_to_add_are_there():
+    """Each row names files first, then what is in the last of them."""
+    page = (REPOSITORY / "assets" / "docs" / "how_to_add.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\d\. .*$", page, re.MULTILINE)
+    assert len(rows) > 10
+    for row in rows:
+        text = ""
+        for name in re.findall(r"`([^`]+)`", row):
+            path = REPOSITORY / name
+            if "/" in name or path.is_file():
+                assert path.exists(), name
+                files = path.glob("*.py") if path.is_dir() else [path]
+                text += "".join(file.read_text(encoding="utf-8") for file in files)
+            elif re.fullmatch(r"[A-Za-z_]+", name):
+                assert re.search(rf"\b{name}\b", text), (name, row)
