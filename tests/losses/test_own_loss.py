@@ -1,5 +1,6 @@
 """A third loss, of ``assets/examples/own_loss.py``, is a file and a row of ``LOSSES``, no more."""
 
+import asyncio
 import runpy
 from collections.abc import Iterator
 from dataclasses import replace
@@ -90,10 +91,12 @@ def test_the_page_offers_it_for_fits_and_for_maps(scene, own):
     session = Session(open_files(scene.photo, scene.model, scene.start))
     guarded = serve("127.0.0.1", 0)
     try:
-        controls = Controls(guarded.server.gui, lambda _: None, session)
+        controls = Controls(guarded.server.gui, lambda _: 0, session)
         add_fitting(controls)
         add_maps(controls)
-        controls.show(after(session, c.set_loss(own)))
+        controls.show(after(session, c.set_loss(own)), 0)
+        loop = guarded.server.get_event_loop()
+        asyncio.run_coroutine_threadsafe(asyncio.sleep(0), loop).result(60.0)  # shown by then
         handles = guarded.server.gui._gui_input_handle_from_uuid.values()
         menus = {one.label: one for one in handles if isinstance(one, viser.GuiDropdownHandle)}
     finally:
