@@ -60,7 +60,7 @@ def _connect(address: str) -> Any:
         )
     except ImportError:
         raise BatchError(
-            "--scheduler needs Dask: pip install 'poseviewer[cluster]', here and on the workers."
+            "A cluster needs Dask: pip install 'poseviewer[cluster]', here and on the workers."
         ) from None
     for handler in logging.getLogger("distributed").handlers:
         handler.setLevel(logging.CRITICAL)  # of a scheduler that is gone it has tracebacks

@@ -1,6 +1,7 @@
 """Errors that a user can cause."""
 
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
 
 MAX_MESSAGE = 1000
 """Characters: sentences take some hundreds, and paths in them some hundreds more."""
@@ -19,14 +20,41 @@ def printable(text: str, longest: int | None = None) -> str:
     return shown
 
 
+def percent(share: float, decimals: int = 0) -> str:
+    """A share as text."""
+    return f"{100.0 * share:.{decimals}f} %"
+
+
 def list_names(names: Sequence[str], limit: int = 8) -> str:
     """List the first ``limit`` names, and say how many more there are."""
     more = f" and {len(names) - limit:,} more" if len(names) > limit else ""
     return ", ".join(names[:limit]) + more
 
 
+SETTING = re.compile(r"`(?:\w+\.)?(\w+)(?:=([^`]+))?`")
+"""A setting in a sentence, alone or with its value: `seed`, `Limits.seconds`, `pixels="whole"`."""
+
+
+def in_words(sentence: str, word: Callable[[str, str], str | None]) -> str:
+    """Say an error or a note, written in the library's words, in those of another place.
+
+    Args:
+        sentence: has settings in backticks.
+        word: gives the place's word for the setting of a name with a value ("": with none); None
+            for what is no setting there, and stays.
+    """
+
+    def own(setting: re.Match[str]) -> str:
+        return word(setting[1], (setting[2] or "").strip("'\"")) or setting[0]
+
+    return SETTING.sub(own, sentence)
+
+
 class PoseViewerError(Exception):
-    """Something a user can mend: one clear sentence, made ``printable``, without a traceback."""
+    """Something a user can mend: one clear sentence, made ``printable``, without a traceback.
+
+    Sentences name settings as the library does, in backticks; ``in_words`` says them elsewhere.
+    """
 
     def __init__(self, sentence: str = "") -> None:
         super().__init__(printable(sentence, MAX_MESSAGE))

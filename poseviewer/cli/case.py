@@ -57,7 +57,7 @@ def calibration_of(options: Namespace) -> Calibration | None:
         return None
     from poseviewer.files.cameras import Calibration
 
-    return Calibration(options.calibration, options.calibration_camera, options.lens_model)
+    return table.make(Calibration, options, path=options.calibration)
 
 
 def sort_named_files(options: Namespace) -> FileSet:
@@ -134,7 +134,7 @@ def load_named(options: Namespace) -> Registration:
     if files.scene is not None and given.get("object"):
         registration = registration[options.object]
     for note in () if options.quiet else registration.notes:
-        tell(f"note: {note}")
+        tell(f"note: {table.in_options(note, table.SCENE)}")
     return registration
 
 

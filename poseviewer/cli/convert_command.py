@@ -48,7 +48,9 @@ OPTIONS = {
         table.option("--photo-size WIDTHxHEIGHT", "set this size, in px (default: --photo's)"),
         table.option("--unit", "set the model's length unit (default: POSE's)", tuple(METRES)),
         table.option("--image NAME|NUMBER", "choose this image of several (default: the only one)"),
-        table.option("--object ID|NUMBER", "choose this object of several (default: all)"),
+        table.option(
+            "--object ID|NUMBER", "choose this object of several (default: all)", dest="object_id"
+        ),
         table.option("--calibration FILE", "read a bare matrix's camera here (default: none)"),
         table.LENS_MODEL,
         *MATRIX_OPTIONS,
@@ -67,7 +69,7 @@ def run(options: Namespace) -> int:
     scene, request = _source(options, _request(options))
     scene = _with_named_files(scene, request)
     for note in scene.notes:
-        say(f"note: {note}")
+        say(f"note: {table.in_options(note, OPTIONS)}")
     name = options.out_format
     if scene.frames and name in SEQUENCE_FORMATS:
         files, notes = _convert_sequence(scene, options, request)
@@ -83,7 +85,7 @@ def run(options: Namespace) -> int:
 
             notes += write_masks(scene, options.out, request)
     for note in notes:
-        say(f"note: {note}")
+        say(f"note: {table.in_options(note, OPTIONS)}")
     for path in files:
         say(f"{name}: {path}")
     return 0
@@ -123,7 +125,7 @@ def _request(options: Namespace) -> ConvertOptions:
         require_file(options.photo, "photo", "Converted")
     if options.model is not None and not options.model.is_dir():  # that of a BOP scene's models
         require_file(options.model, "model", "Converted")
-    request = table.make(ConvertOptions, options)
+    request = table.make(ConvertOptions, options, object_id=None)
     if options.photo is None or options.photo_size is not None:
         return request
     photo = load_photo(options.photo)
@@ -133,14 +135,14 @@ def _request(options: Namespace) -> ConvertOptions:
 def _source(options: Namespace, request: ConvertOptions) -> tuple[Scene, ConvertOptions]:
     """Read the source, and choose the objects."""
     scene = _read(options, request) if options.source_format == SCENE else None
-    is_number = (options.object or "").isdecimal()
-    if scene and options.object and (len(scene.objects) > 1 or not is_number):
-        chosen = scene.objects[scene.index(options.object)]
+    is_number = (options.object_id or "").isdecimal()
+    if scene and options.object_id and (len(scene.objects) > 1 or not is_number):
+        chosen = scene.objects[scene.index(options.object_id)]
         return replace(scene, objects=(chosen,)), request
-    if options.object:
+    if options.object_id:
         if not is_number:
-            raise PoseFileError(f"--object {options.object}: wanted the object's number in BOP.")
-        request = replace(request, object_id=int(options.object))
+            raise PoseFileError(f"--object {options.object_id}: wanted the object's number in BOP.")
+        request = replace(request, object_id=int(options.object_id))
     return scene or _read(options, request), request
 
 

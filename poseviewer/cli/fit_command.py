@@ -116,7 +116,7 @@ def _print_end(result: FitResult) -> None:
     progress, verdict = result.progress, result.verdict
     assert progress is not None  # it was searched for
     say(
-        f"{progress.status.value}\n"
+        f"{table.in_options(progress.status.value, OPTIONS)}\n"
         f"{progress.loss_text} (start {progress.scale.as_shown(progress.start_loss):.3f})\n"
         f"{progress.evaluations} evaluations, {progress.restart} restarts, {progress.seconds:.1f} s"
     )

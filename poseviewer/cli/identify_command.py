@@ -43,7 +43,7 @@ def run(options: Namespace) -> int:
     ]
     if not options.quiet:
         for warning in dict.fromkeys(note for scene in opened for note in scene.notes):
-            tell(f"note: {warning}")
+            tell(f"note: {table.in_options(warning, OPTIONS)}")
     with progress_bar(None, options.quiet) as bar:
 
         def watch(name: str, progress: FitProgress) -> None:

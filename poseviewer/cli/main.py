@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from poseviewer import __version__
-from poseviewer.cli.options import Options, add_all, inputs, with_flags
+from poseviewer.cli.options import Options, add_all, in_options, inputs
 from poseviewer.cli.terminal import tell
 from poseviewer.errors import (
     EXIT_BUG,
@@ -71,7 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     except Exception as error:  # noqa: BLE001 - every error becomes a sentence
         _log.debug("stopped by", exc_info=error)
-        tell(f"poseviewer: {with_flags(sentence_of(error), known)}")
+        tell(f"poseviewer: {in_options(sentence_of(error), known)}")
         mendable = isinstance(error, (PoseViewerError, OSError, MemoryError))
         return EXIT_MENDABLE if mendable else EXIT_BUG
 

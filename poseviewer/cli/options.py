@@ -5,14 +5,13 @@ Options of several commands are here. An option that sets a field of a dataclass
 name, by which ``make`` finds its value.
 """
 
-import re
 from argparse import ArgumentTypeError, Namespace, _ActionsContainer
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from poseviewer.errors import SettingsError
+from poseviewer.errors import SettingsError, in_words
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.losses.known_losses import LOSSES
 from poseviewer.render.overlay import LOOKS
@@ -93,6 +92,11 @@ class Option(NamedTuple):
     def name(self) -> str:
         """Name of its attribute among the parsed options."""
         return self.settings.get("dest") or self.flag.lstrip("-").replace("-", "_")
+
+    def usage(self, value: str = "") -> str:
+        """Return how it is written, with a value or the value's name: ``--name VALUE``."""
+        shown = value or self.settings.get("metavar", "")
+        return f"{self.flag} {shown}".strip() if self.flag.startswith("-") else shown
 
 
 Group = Sequence["Option | Group"]
@@ -218,7 +222,11 @@ LENS_MODEL = option(
     "--lens-model", "read a lens as of this OpenCV model (default: the file's)", LENS_MODELS
 )
 OF_CALIBRATION = (
-    option("--calibration-camera NAME", "choose this camera of the file (default: the photo's)"),
+    option(
+        "--calibration-camera NAME",
+        "choose this camera of the file (default: the photo's)",
+        dest="camera",
+    ),
     LENS_MODEL,
 )
 CAMERA: Options = {"the photo's camera": (CALIBRATION, *OF_CALIBRATION)}
@@ -286,15 +294,14 @@ def inputs(options: Namespace, of_command: Options) -> list[Path]:
     return [path for group in paths for path in group if isinstance(path, Path)] if reads else []
 
 
-def with_flags(sentence: str, of_command: Options) -> str:
-    """Name a command's flags where a sentence of the library names its settings."""
-    for item in (item for group in of_command.values() for item in each(group)):
-        if item.flag.startswith("-"):
-            name = rf"(?<![\w-]){re.escape(item.name)}"
-            sentence = re.sub(rf'{name}="?([\w-]+)"?', rf"{item.flag} \1", sentence)
-            if "_" in item.name:  # else it may be a word of the sentence
-                sentence = re.sub(rf"{name}(?!\w)", item.flag, sentence)
-    return sentence
+def in_options(sentence: str, of_command: Options) -> str:
+    """Name a command's options where a sentence of the library names its settings."""
+    own = {item.name: item for group in of_command.values() for item in each(group)}
+
+    def word(name: str, value: str) -> str | None:
+        return own[name].usage(value) if name in own else None
+
+    return in_words(sentence, word)
 
 
 def values(options: Namespace, group: Iterable[Option]) -> dict[str, Any]:

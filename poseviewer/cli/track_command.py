@@ -55,7 +55,7 @@ def run(options: Namespace) -> int:
     tell_of_compiling()
     scene = _open(options)
     for note in () if options.quiet else scene.notes:
-        tell(f"note: {note}")
+        tell(f"note: {table.in_options(note, OPTIONS)}")
     start, batch = open_chains(scene, options.out)
     to_do = batch.to_do()
     if (done := len(batch.jobs) - len(to_do)) and not options.quiet:

@@ -10,6 +10,8 @@ from typing import Annotated, Literal
 import numpy as np
 from msgspec import Meta, Struct, field
 
+from poseviewer.errors import percent
+
 # Written by ``python -m tests.measure.calibrate --write`` from 156 trials, 123 of them right:
 FEATURES: dict[str, tuple[float, float, float]] = {
     "turn_margin": (1.077, 0.6585, 1.584),
@@ -173,11 +175,12 @@ def reasons_for(features: Features) -> tuple[str, ...]:
     end = "came back to it" if is_back else f"ended {spread:.0f} % of the model's size away"
     cost = "less on the coarse photo" if turn < 0.0 else "hardly more: it may be turned"
     how = "" if outline >= GOOD_OUTLINE else "only " if outline < POOR_OUTLINE else "some "
+    share = percent(outline)
     sentences = {
         f"Searches from near by {end}.": True,
         f"Turned about one of its own axes the model costs {cost}.": turn < LOW_TURN_MARGIN,
-        f"Along {how}{outline:.0%} of its outline the photo has an edge of that direction.": True,
-        f"Only {features.seen:.0%} of the model is seen: the rest lies on pixels left out.": (
+        f"Along {how}{share} of its outline the photo has an edge of that direction.": True,
+        f"Only {percent(features.seen)} of the model is seen: the rest lies on pixels left out.": (
             features.seen < WHOLE_FROM
         ),
         "The model is flat and of one colour there: its outline alone tells where it is.": (

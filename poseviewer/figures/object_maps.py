@@ -136,7 +136,7 @@ def save_pictures(folder: Path, pictures: Mapping[str, bytes], overwrite: bool) 
 def write_masks(scene: Scene, out: Path, options: ConvertOptions) -> list[str]:
     """Write masks and ``scene_gt_info.json`` of a BOP scene; return notes on those left out."""
     if not all(item.model.location.is_file() for item in scene.objects):
-        return [f"{INFO} and masks are not written: a model is not there; add --model FILE."]
+        return [f"{INFO} and masks are not written: a model is not there; add `model`."]
     infos = load_scene_file(out / INFO)
     poses = load_scene_file(out / POSES)
     notes = []
@@ -149,7 +149,7 @@ def write_masks(scene: Scene, out: Path, options: ConvertOptions) -> list[str]:
         if len(poses[str(number)]) != len(scene.objects):
             notes.append(f"Image {number} has other objects: {INFO} and masks stay as they are.")
         elif is_there and not (options.overwrite or len(scene.objects) > 1):
-            notes.append(f"{INFO} and masks of image {number} are there; add --overwrite.")
+            notes.append(f"{INFO} and masks of image {number} are there; add `overwrite`.")
         else:
             infos |= new
             save_pictures(out, pictures, overwrite=True)

@@ -107,10 +107,7 @@ LENS_LIKE = re.compile(
 """Names, in small letters without ``_``, of what may be a lens; ``alone``: a number, no list."""
 NOT_STANDARD = ("p1", "p2", "k5", "k6")
 """Names of coefficients, of which a fisheye of ``k1 k2 k3 k4`` has none."""
-ASK_MODEL = (
-    "say it with --lens-model opencv or fisheye, in the library with Calibration's lens_model, on "
-    "the page with Lens model"
-)
+ASK_MODEL = "choose opencv or fisheye with `Calibration.lens_model`"
 COUNTS_OF_LENSES = (5, 8, 14)
 """Counts of OpenCV's coefficients that a list of anything else seldom has."""
 SIDED = re.compile(SHORT + r"(left|right)?(.*?)(left|right|\d*)")
@@ -414,7 +411,7 @@ def cameras_in(
     if not cameras:
         keys = ", ".join(str(key)[:20] for key in data) if isinstance(data, dict) else ""
         wanted = f"read are those of {', '.join(tools for tools, *_ in READ)}"
-        wanted += "; poseviewer info --calibration --help lists the keys"
+        wanted += "; the docs' page Cameras lists their keys"
         raise file.error(f"no camera in it (its keys: {keys[:80] or 'none'})", wanted)
     is_bare = len(cameras) == 1 and cameras[0].lens is None
     for key, value in known:

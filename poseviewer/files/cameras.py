@@ -151,5 +151,5 @@ def _choose_camera(
     named = named or [c for c in cameras if (c.camera.width, c.camera.height) == size]
     if len(named) != 1:
         found = f"{len(cameras)} cameras, {known}, and none of them named after {photo}"
-        raise file.error(found, "choose one by --calibration-camera NAME, Calibration's camera")
+        raise file.error(found, "choose one with `Calibration.camera`")
     return named[0]

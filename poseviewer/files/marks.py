@@ -57,7 +57,7 @@ def load_pairs(path: str | Path) -> PointPairs:
 
 def wheels_from_text(text: str) -> Wheels:
     """Parse ``cx,cy,a,b,angle;cx,cy,a,b,angle``: rear, then front; px, degrees clockwise."""
-    file = _marks_file("--wheels")
+    file = _marks_file("wheels")
     with file.naming_errors():
         rows = [wheel.split(",") for wheel in text.split(";") if wheel.strip()]
         if len(rows) != 2:

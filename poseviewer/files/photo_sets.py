@@ -78,10 +78,10 @@ def load_views(path: str | Path, choice: SetChoice | None = None) -> LoadedViews
                 views.append(replace(view, file=PhotoFile.of(photo, view.path)))
         for wanted in choice.photos:
             if not any(_is_chosen(str(view.path), [wanted]) for view in views):
-                raise file.error(f"it has no photo {wanted}", "choose others with --photos")
+                raise file.error(f"it has no photo {wanted}", "choose others with `photos`")
         if len(views) < 2:
             found = f"{len(views)} photo{'' if len(views) == 1 else 's'}"
-            raise file.error(found, "a set has two or more; fit one photo without --views")
+            raise file.error(found, "a set has two or more; open one photo alone")
         return LoadedViews(path.name, with_names(views), unit, scale)
 
 
@@ -133,7 +133,7 @@ def _of_colmap(file: InputFile, model: Path, choice: SetChoice) -> list[View]:
     if missing:
         where = f"in {most}" if len(missing) < len(images) or choice.folder else "beside it"
         found = f"{len(missing)} of the {len(images)} photos that it names are not {where}"
-        wanted = "name their folder with --photo-folder, or those that are there with --photos"
+        wanted = "give them with `folder`, or leave them out with `photos`"
         raise file.error(f"{found}, such as {missing[0]}", wanted)
     return [with_photo(view, most / name) for name, view in images]
 
@@ -153,7 +153,7 @@ def _of_bop(file: InputFile, choice: SetChoice) -> Iterator[View]:
             place = poses[0] if len(poses) == 1 else None
             found = f"image {image.number} has {len(poses)} poses of object {rig}"
         if place is None:
-            raise own.error(found, f"{wanted}, with --rig-object: its poses tell the cameras'")
+            raise own.error(found, f"{wanted}, with `rig_object`: its poses tell the cameras'")
         yield view_of_file(file.path / image.photo, image.camera, camera_from_world=place)
 
 

@@ -102,7 +102,7 @@ def load_pose(path: str | Path, width: int | None = None, height: int | None = N
         file.require_format(data, FORMAT)
         if data.keys().isdisjoint(("projection", "camera", "camera_from_model")):
             found = f"no pose of poseviewer's (its keys: {', '.join(data)[:80] or 'none'})"
-            wanted = "make one of another tool's with poseviewer convert --from FORMAT"
+            wanted = "make one of another tool's with poseviewer convert"
             raise file.error(found, wanted)
         record = file.decode(data, PoseRecord, raw=("mask", "occluders"))
     known = record.photo or s.PhotoReference()

@@ -184,7 +184,7 @@ def _weights(
         if not np.any(weights > 0.0):
             raise SettingsError(
                 "no pixel that counts lies near the start pose: bring the start onto the photo "
-                'and the region, mask less, or use pixels="whole"'
+                'and the region, mask less, or use `pixels="whole"`'
             )
     return weights
 

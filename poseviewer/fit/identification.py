@@ -58,7 +58,7 @@ def settings_for_all(scenes: Sequence[Scene], settings: FitSettings) -> FitSetti
     """Return settings limited to the box about all models at their starts."""
     if settings.pixels == "clip":
         raise SettingsError(
-            'pixels="clip" judges every model on pixels of its own, so their losses cannot be '
+            '`pixels="clip"` judges every model on pixels of its own, so their losses cannot be '
             "compared; use near or whole."
         )
     if settings.pixels == "whole":

@@ -57,12 +57,12 @@ class FitProblem:
         names, lock = self.chart.names, self.settings.lock
         if unknown := sorted(set(lock) - set(names)):
             raise SettingsError(
-                f"lock={unknown[0]!r}: the {self.chart.name} chart has no such parameter; "
+                f"`lock={unknown[0]!r}`: the {self.chart.name} chart has no such parameter; "
                 f"it has {', '.join(names)}"
             )
         free = np.flatnonzero([name not in lock for name in names])
         if not len(free):
-            raise SettingsError("lock names every parameter of the chart; leave at least one free")
+            raise SettingsError("every parameter of the chart is locked; leave one out of `lock`")
         object.__setattr__(self, "start", freeze_array(self.start, (len(names),)))
         object.__setattr__(self, "free_indices", free)
 
@@ -275,11 +275,11 @@ def _view_charts(scene: Scene, object_index: int, view_indices: Sequence[int]) -
     """Make the chart of each of several views, about the start in the first."""
     one, first = scene.objects[object_index], scene.views[view_indices[0]]
     if one.settings.chart == "vehicle":
-        raise SettingsError('chart="vehicle" with several photos; leave it out.')
+        raise SettingsError('`chart="vehicle"` with several photos; leave it out.')
     pixels = LOSSES[one.settings.loss].pixels
     if one.settings.pixels == "clip" != pixels[0]:
         wanted = " or ".join(name for name in pixels if name != "clip")
-        raise SettingsError(f'pixels="clip" with several photos; take {wanted}, or leave it out.')
+        raise SettingsError(f'`pixels="clip"` with several photos; take {wanted}, or leave it out.')
     reference = FreeBodyChart.near(one.mesh, scene.pose(object_index, view_indices[0]))
     scale, charts = 1.0 / one.world_from_model.scale, []
     cameras = list(dict.fromkeys(scene.views[index].camera for index in view_indices))
@@ -329,7 +329,7 @@ def choose_chart(
     if free_principal_point and isinstance(pose.camera, Parallel):
         raise SettingsError(
             "a parallel projection has no principal point to find; start from a perspective pose, "
-            "or leave free_principal_point out."
+            "or leave `free_principal_point` out."
         )
     reason = "the model has no wheels that poseviewer knows of"
     if wanted != "free-body" and keypoints is not None:
@@ -337,16 +337,16 @@ def choose_chart(
             return VehicleChart.near(keypoints, pose, free_focal, free_principal_point), ""
         except SingularChartError as error:
             if wanted == "vehicle":
-                raise SingularChartError(f'{error}; use chart="free-body"') from error
+                raise SingularChartError(f'{error}; use `chart="free-body"`') from error
             reason = str(error)
     elif wanted == "vehicle":
         raise SettingsError(
             f"{reason}; the vehicle chart needs MODEL.keypoints.json beside the model, or parts "
-            'named like wheels; or use chart="free-body"'
+            'named like wheels; or use `chart="free-body"`'
         )
     if free_principal_point:
         raise SettingsError(
-            "free_principal_point with one photo in the free-body chart: one photo of one object "
+            "`free_principal_point` with one photo in the free-body chart: one photo of one object "
             "cannot tell it from the object's direction; take several photos, or a car's chart, or "
             "leave it out."
         )

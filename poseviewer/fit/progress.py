@@ -25,16 +25,16 @@ class Status(enum.Enum):
     CONVERGED = "Converged: no pose nearby has a lower loss."
     EVALUATIONS_SPENT = (
         "Stopped at the limit of evaluations: the best pose so far is kept; "
-        'fit again from it, or raise "Max evaluations" (setting evaluations).'
+        "fit again from it, or raise `Limits.evaluations`."
     )
     SECONDS_SPENT = (
         "Stopped at the time limit: the best pose so far is kept; "
-        'fit again from it, or raise "Time limit (s)" (setting seconds).'
+        "fit again from it, or raise `Limits.seconds`."
     )
     STOPPED = "Stopped by the user: the best pose so far is kept; fit again from it to go on."
     KEPT = (
-        "Kept the start: where the search ended is not sure to be better "
-        "(fit with keep_start off to see it)."
+        "Kept the start: where the search ended is not sure to be better; "
+        "fit without `keep_start` to see it."
     )
     NOTHING_SEEN = (
         "No pose near the start shows enough of the model in the region: "

@@ -96,8 +96,7 @@ class Photo:
             return ""
         return (
             f"{ASSUMED_FOCAL} (a view of {DEFAULT_FIELD_OF_VIEW_DEG:g} degrees), and "
-            'with it the distance: a calibration, six point pairs or "Find the focal length" '
-            "(setting free_focal) tell them."
+            "with it the distance: a calibration, six point pairs or `free_focal` tell them."
         )
 
 

@@ -86,10 +86,10 @@ class FitSettings:
         """
         for name, choices in CHOICES.items():
             if (value := getattr(self, name)) not in tuple(choices):
-                found = f"{name}={value!r}: there is no such choice"
+                found = f"`{name}={value!r}`: there is no such choice"
                 raise SettingsError(f"{found}; take one of {', '.join(choices)}.")
         if not isinstance(self.seed, int) or self.seed < 0:
-            raise SettingsError(f"seed={self.seed!r}: wanted a whole number of 0 or more.")
+            raise SettingsError(f"`seed={self.seed!r}`: wanted a whole number of 0 or more.")
         if self.region is not None:
             object.__setattr__(self, "region", Rectangle(*self.region))
         loss = LOSSES[self.loss]

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from poseviewer.errors import QuickStartError, SettingsError
+from poseviewer.errors import QuickStartError, SettingsError, percent
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.arrays import FloatArray
@@ -191,7 +191,7 @@ class PoseHypothesis:
     @property
     def percent(self) -> str:
         """Probability in whole per cent, below 100: none is certain."""
-        return f"{min(self.probability, 0.99):.0%}"
+        return percent(min(self.probability, 0.99))
 
 
 def propose(
@@ -400,7 +400,7 @@ def _by_network(pose: Pose, odds: float) -> PoseHypothesis:
     own = PoseHypothesis(pose, -odds, odds / (1.0 + odds))
     if own.probability >= SURE_PROBABILITY:
         return own
-    least = f"of starts below {SURE_PROBABILITY:.0%} most are wrong"
+    least = f"of starts below {percent(SURE_PROBABILITY)} most are wrong"
     doubt = f"The network gives the start a probability of {own.percent}, and {least}."
     return replace(own, doubt=doubt)
 

@@ -182,7 +182,7 @@ def open_sequence(
     sequence = frames if isinstance(frames, ImageSequence) else load_sequence(frames, every)
     is_given = isinstance(start, str | Path | Pose)
     if not 0 <= key < len(sequence.paths):
-        found = f"key={key + 1}: {sequence.name} has {len(sequence.paths)} frames"
+        found = f"`key={key + 1}`: {sequence.name} has {len(sequence.paths)} frames"
         raise SettingsError(f"{found}; name one of them.")
     scene = open_photo_scene(sequence.paths[key], model, start, settings, calibration, mask)
     view, found = scene.views[0], scene.earlier_occluders(0)
@@ -193,7 +193,7 @@ def open_sequence(
     shots = [Frame(file=file, time_s=time) for file, time in times]
     notes = (*scene.notes, *sequence.notes)
     if mask_all_frames and view.mask is None:
-        raise SettingsError("mask_all_frames without a mask; leave it out, or name the mask.")
+        raise SettingsError("`mask_all_frames` without a mask; leave it out, or name the mask.")
     if view.mask is not None and not mask_all_frames:
         shots[key] = replace(shots[key], mask=view.mask)
         view = replace(view, mask=None)
@@ -266,7 +266,7 @@ def open_scene_files(scene: str | Path | Scene, settings: FitSettings | None = N
         raise SettingsError(f"{found}; leave it out, and find it with one of them alone.")
     if not scene.objects:
         name = scene.name or scene.views[0].name
-        raise PoseFileError(f"{name}: it has no objects; name a model, and it with --views.")
+        raise PoseFileError(f"{name}: it has no objects; open it as a set of photos, with a model.")
     left_out = _parts_of_objects(scene, settings.without or () if settings else ())
     models = dict[Path | None, ModelFile]()
     notes = [*scene.notes]
@@ -381,7 +381,7 @@ def scale_by_rays(views: Sequence[View], index: int, mesh: Mesh, pose: Pose, nam
         scale = triangulate_scale(cameras, index, centre / centre[2], float(centre[2]))
     if scale is None:
         found = "its scale is not known, and its cameras do not look at one place, which would"
-        wanted = "give --scale, lengths of the model's unit in one of the set's"
+        wanted = "say with `scale` how many of the model's lengths are one of the set's"
         raise SettingsError(f"{name}: {found} tell it about; {wanted}.")
     return scale
 
@@ -437,5 +437,5 @@ def _view_of(views: LoadedViews, record: PoseRecord, view: str | None) -> int:
     if len(alike) == 1:
         return alike[0]
     problem = f"there is no photo {wanted}" if wanted else "the start does not say in which photo"
-    wanted = "name the photo that the start is a pose in with --view, one of"
+    wanted = "say with `view` in which photo the start is a pose, one of"
     raise PoseFileError(f"{views.name}: {problem}; {wanted} {list_names(names)}.")

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
-from poseviewer.errors import QuickStartError
+from poseviewer.errors import QuickStartError, percent
 from poseviewer.files.marks import PointPairs
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
@@ -70,7 +70,9 @@ def start_from_pairs(inputs: StartInputs, pairs: PointPairs, known: StartCamera)
             fit, deviation = focal_from_pairs(points, pixels, camera)
             camera, fits = fit.pose.camera, (fit,)
             assert isinstance(camera, Perspective)
-            notes.append(f"focal length from the pairs: {camera.fx:.0f} px, to {deviation:.0%}.")
+            notes.append(
+                f"focal length from the pairs: {camera.fx:.0f} px, to {percent(deviation)}."
+            )
     fit = likeliest(fits or poses_from_pairs(points, pixels, camera), points, inputs.mesh)
     errors = ", ".join(f"{error:.1f}" for error in fit.errors_px)
     notes.append(f"start from {len(points)} point pairs, off by {errors} px.")
@@ -207,8 +209,9 @@ def focal_from_pairs(
         poses_from_pairs(points, pixels, camera)  # says why there is none
     fit, deviation = _refine_with_focal(points, pixels, min(tried, key=lambda fit: fit.rms_px).pose)
     if not deviation <= MAX_FOCAL_DEVIATION:
+        least = percent(min(deviation, 9.99))
         raise QuickStartError(
-            f"The point pairs leave the focal length open (by {min(deviation, 9.99):.0%}): add "
+            f"The point pairs leave the focal length open (by {least}): add "
             "pairs nearer and farther away, or give the focal length."
         )
     return fit, deviation

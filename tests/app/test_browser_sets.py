@@ -85,7 +85,7 @@ def test_a_missing_texture_is_asked_for_and_taken_when_it_comes(
 ):
     write_obj(tmp_path, "oak.png")
     page.drop_files(sorted(tmp_path.iterdir()))
-    page.wait_for_text("Texture left out: oak.png is not there; drop it here.")
+    page.wait_for_text("Texture left out: oak.png is not there; add it to the model's files.")
     picture = tmp_path / "oak.png"
     shutil.copy(scene.photo, picture)
     page.page.evaluate(f"addEventListener('dragover', () => (window.target = {TARGET}), true)")

@@ -22,7 +22,7 @@ WITH_SCENE = "with three.scene.json, which says it itself"
 @pytest.mark.parametrize(
     ("line", "words", "written"),
     [
-        (f"{FIT} --evaluations 25 --quiet", "25 evaluations|(setting evaluations)", "o.json"),
+        (f"{FIT} --evaluations 25 --quiet", "25 evaluations|raise --evaluations N.", "o.json"),
         ("overlay p.png m.ply --pose true.json --out o.png --quiet", "overlay: o.png", "o.png"),
         (f"overlay {SET} --out o.png --quiet", "o.c.png", "o.a.png o.b.png o.c.png"),
         (f"landscape p.png m.ply --pose true.json --out in/maps {MAPS} --range 0.1",
@@ -51,7 +51,7 @@ def test_a_command_says_and_writes_its_results(folder, capsys, line, words, writ
         (f"{FIT} --lock mu_x", "no such parameter"),
         (
             f"{FIT} --lock rotation_x,rotation_y,rotation_z,shift_x,shift_y,log_depth",
-            "leave at least one",
+            "leave one out of --lock NAME",
         ),
         (f"{FIT} --region 500,500,10,10", "no pixel"),
         (f"{FIT} --region 1,2,3", "left,top,width,height"),

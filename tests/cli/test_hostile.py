@@ -234,4 +234,4 @@ def test_a_number_that_is_none_is_said(capsys, number):
     cameras = {str(key): {"cam_K": [9 * key, 0, 1, 0, 9, 1, 0, 0, 1]} for key in (1, 2)}
     Path("scene_camera.json").write_text(json.dumps(cameras))
     line = "info ²²².png --calibration scene_camera.json"
-    assert "choose one by" in refusal(capsys, line)
+    assert "choose one with --calibration-camera NAME" in refusal(capsys, line)

@@ -30,7 +30,7 @@ def test_worse_features_are_less_probable_and_lost_in_the_end():
 def test_a_model_of_which_too_little_is_seen_is_lost():
     hidden = judge(replace(RIGHT, seen=0.3))
     assert hidden.label == "lost"
-    assert any("Only 30%" in reason for reason in hidden.reasons)
+    assert any("Only 30 %" in reason for reason in hidden.reasons)
     assert judge(replace(RIGHT, seen=0.5)).label == "found"
 
 
@@ -45,7 +45,7 @@ def test_a_pose_is_the_less_probable_the_less_of_the_model_is_seen():
 @pytest.mark.parametrize(
     ("alike", "short", "said"),
     [
-        (0.0, {"outline": 0.6}, "only 60%"),
+        (0.0, {"outline": 0.6}, "only 60 %"),
         (0.95, {"outline": 0.8}, "flat and of one colour"),
         (0.95, {"seen": 0.7}, "flat and of one colour"),
     ],

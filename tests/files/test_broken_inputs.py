@@ -177,7 +177,7 @@ def test_a_broken_file_is_refused(tmp_path, kind, name, content):
 def test_a_pose_of_another_tool_is_named_by_its_keys(tmp_path: Path) -> None:
     found = refuse(write(tmp_path / "dope.json", {"camera_data": {}, "objects": []}), "pose")
     assert "(its keys: camera_data, objects); make one" in found
-    assert "convert --from FORMAT" in found
+    assert "with poseviewer convert" in found
 
 
 @pytest.mark.parametrize("change", GLTF_CHANGES)

@@ -102,7 +102,7 @@ def test_a_bop_scene_is_read_by_its_world_or_by_an_object(folder):
     shutil.rmtree(scene)
     scene = view_sets.write_bop(folder, with_world=False)
     require_same_cameras(load_views(scene, SetChoice(rig_object=5)), names)
-    with pytest.raises(PoseFileError, match="--rig-object"):
+    with pytest.raises(PoseFileError, match="`rig_object`"):
         load_views(scene)
 
 
@@ -152,7 +152,7 @@ def test_names_that_no_file_can_have_are_those_of_photos_that_are_not_there(fold
 def test_colmap_photos_that_are_not_there_are_said(folder):
     model = write_colmap(folder / "sparse" / "0")
     (folder / "b.png").unlink()
-    with pytest.raises(PoseFileError, match=r"1 of the 3 photos .* such as b\.png.*--photo-folder"):
+    with pytest.raises(PoseFileError, match=r"1 of the 3 photos .* such as b\.png.*`folder`"):
         load_views(model)
     assert len(load_views(model, SetChoice(("a", "c"))).views) == 2
     with pytest.raises(PoseFileError, match="no photo z"):

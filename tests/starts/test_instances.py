@@ -35,7 +35,7 @@ def test_two_of_three_boxes_are_found_in_one_scene(two: Path, capsys):
     files = two / "two.png", two / "carton.ply", "--start", "auto"
     assert run("fit", *files, "--instances", 3, "--out", out, "--evaluations", 300) == 0
     printed = capsys.readouterr()
-    assert re.search(r"note: start found: proposal [12] of 2, probability 99%, loss", printed.err)
+    assert re.search(r"note: start found: proposal [12] of 2, probability 99 %, loss", printed.err)
     assert "note: 2 of 3 instances: nothing else looks like one." in printed.err
     scene = load_scene(out)
     assert [item.name for item in scene.objects] == ["carton", "carton 2"]

@@ -142,7 +142,9 @@ def test_a_start_that_the_network_hardly_believes_in_is_doubtful():
     pose = Pose(camera, RigidTransform.identity())
     sure, unsure = (automatic._by_network(pose, odds) for odds in (7.0 / 3.0, 2.0))
     assert not sure.doubt
-    assert "gives the start a probability of 67%, and of starts below 70% most are" in unsure.doubt
+    assert (
+        "gives the start a probability of 67 %, and of starts below 70 % most are" in unsure.doubt
+    )
 
 
 def test_windows_gather_the_votes_of_a_view():

@@ -2,9 +2,10 @@
 
 from html import escape
 
-from poseviewer.app.page.controls import Controls, on_press, percent, plain
+from poseviewer.app.page.controls import Controls, on_press, plain
 from poseviewer.app.state.document import label_of, verdict_of
 from poseviewer.app.state.session import Session
+from poseviewer.errors import percent
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.scene.types import SceneObject
 

@@ -27,6 +27,7 @@ from poseviewer.app.state.keys_and_buttons import ACTIONS
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import Export
 from poseviewer.app.workers.tasks import Request, download, upload
+from poseviewer.errors import in_words
 from poseviewer.files.file_set import Kind
 from poseviewer.files.state.uploads import ACCEPTED
 from poseviewer.geometry.lens import LensModel
@@ -45,29 +46,39 @@ def plain(text: str) -> str:
     return MARKUP.sub(lambda match: f"&#{ord(match.group())};", escaped)
 
 
-ON_PAGE = (
-    (r" ?\((?:[^()]* )?--[a-z][^()]*\)", ""),
-    (r"say it with --.*?on the page with", "say it with"),
-    (r"choose one by --calibration-camera NAME, Calibration's camera", "keep one in the file"),
-    (r"; poseviewer info --calibration --help lists the keys", ""),
-    (r"name their folder with --photo-folder.*?--photos", "drop the photos with it"),
-    (r"; make one of another tool's with poseviewer convert[^.]*", ""),
-    (r" \((?:setting|fit with) [a-z][^)]*\)", ""),
-    (r"fit one photo without --views", "open the photo alone"),
-    (r"((?:Texture|Material file) left out: [^\n]*? is not there)\.", r"\1; drop it here."),
-    (r"[,;]? or (?:[^,;.]* )?--[a-z][^;.]*", ""),
-    (r"(?<![\w-])--([a-z]+(?:-[a-z]+)*)(?: [A-Zx]{3,}\b)?", r'"\1"'),
-    (r"(?<=\d)%(?=[ ,;:)]|\.?$|\. )", " %"),
-)
-"""Words in sentences of all packages, mostly on options of the command line, and the page's."""
 FIELDS = {
     "chart": "Parameters",
-    "pixels": "Pixels",
-    "renderer": "Renderer",
+    "evaluations": "Max evaluations",
     "free_focal": "Find the focal length",
     "free_principal_point": "Find the principal point",
+    "in_front": "In front",
+    "lens_model": "Lens model",
+    "lock": "Lock",
+    "loss": "Loss",
+    "pixels": "Pixels",
+    "renderer": "Renderer",
+    "search": "Search",
+    "seconds": "Time limit (s)",
+    "seed": "Seed",
+    "unit": "Model's unit",
 }
-"""Labels of the fields of settings that sentences of the library name."""
+"""Labels of the fields of settings that sentences name."""
+WAYS = {
+    **dict.fromkeys(("image", "object_id", "overwrite", "photo_size"), "poseviewer convert"),
+    **dict.fromkeys(("key", "mask_all_frames"), "poseviewer track"),
+    **dict.fromkeys(("rig_object", "scale"), "the command line"),
+    "calibration": "a calibration file",
+    "camera": "a file of it alone",
+    "folder": "a drop of all files",
+    "keep_start": "keeping the start",
+    "model": "the model",
+    "photo": "the photo",
+    "photos": "a set of fewer",
+    "view": "its file",
+}
+"""What a user of the page does about settings that have no field; sentences say them after *add*,
+*with* or *without*.
+"""
 MAX_DECIMALS = 12
 """Decimals that a field takes: viser would cut off those beyond its arrows' step."""
 SHOWN_DIGITS = 8
@@ -77,21 +88,12 @@ SELECTED = "● "
 
 
 def on_page(sentence: str) -> str:
-    """A sentence of any package in the page's words: it has no options of the command line, and
-    names fields of the page for settings of the library.
-    """
-    for words, instead in ON_PAGE:
-        sentence = re.sub(words, instead, sentence)
-    for name, label in FIELDS.items():
-        sentence = re.sub(rf'(?<![\w-]){name}="([\w-]+)"', rf'"{label}: \1"', sentence)
-        if "_" in name:  # else it may be a word of the sentence
-            sentence = re.sub(rf"(?<!\w){name}(?!\w)", f'"{label}"', sentence)
-    return sentence
+    """A sentence of any package in the page's words: fields for settings of the library."""
 
+    def word(name: str, value: str) -> str | None:
+        return f'"{FIELDS[name]}{": " * bool(value)}{value}"' if name in FIELDS else WAYS.get(name)
 
-def percent(share: float, decimals: int = 0) -> str:
-    """A share as text."""
-    return f"{100.0 * share:.{decimals}f} %"
+    return in_words(sentence, word)
 
 
 class Controls:

@@ -125,6 +125,6 @@ def row_text(row: Row, unsaved: bool) -> str:
         lines.append(plain(f"verdict: {result.verdict}"))
     if result.given_verdict:
         lines.append(plain(f"{comparison_text(result)} R shows the given pose."))
-    if result.status == Status.KEPT.value:
+    if result.status.startswith(Status.KEPT.value.partition(":")[0]):  # then as now
         lines.append(plain(result.reasons.split("\n")[0]))
     return "  \n".join(lines)

@@ -8,10 +8,11 @@ import numpy as np
 
 from poseviewer.app.below_viser.client_script import ClientScript
 from poseviewer.app.page.above_steps import ICONS, object_colour
-from poseviewer.app.page.controls import jpeg_url, on_press, percent
+from poseviewer.app.page.controls import jpeg_url, on_press
 from poseviewer.app.page.handles import path_of
 from poseviewer.app.page.time_line import time_line
 from poseviewer.app.state.session import Session
+from poseviewer.errors import percent
 from poseviewer.files.photo import Photo
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import size_at_scale

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from poseviewer.app.page.controls import percent, plain
+from poseviewer.app.page.controls import plain
 from poseviewer.app.page.result import deviations_of
 from poseviewer.app.state import hiding as h
 from poseviewer.app.state.document import WHEELS, label_of, verdict_of
@@ -15,6 +15,7 @@ from poseviewer.app.state.searches import LossComparison
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.opening import has_demo_model
 from poseviewer.confidence.pose_covariance import short
+from poseviewer.errors import percent
 from poseviewer.files.mesh.size import size_words
 from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.mask import Mask

@@ -105,7 +105,7 @@ def write_bop(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) -> c.
         entries = [pose_entry(scene, i, index, options) for i in range(len(scene.objects))]
         if len(scene.objects) > 1:
             if image in poses and not options.overwrite:
-                wanted = "name another with --image NUMBER, or add --overwrite"
+                wanted = "name another with `image`, or add `overwrite`"
                 raise in_poses.error(f"image {image} is there already and was not touched", wanted)
             cameras.pop(image, None)
             poses.pop(image, None)
@@ -113,7 +113,7 @@ def write_bop(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) -> c.
         there = in_cameras.object(cameras.setdefault(image, new), f"image {image}")
         known = camera_of_matrix(in_cameras, there.get("cam_K"), f"{image}.cam_K")
         if not same_intrinsics(known, camera):
-            wanted = "give the pose another with --image NUMBER, or convert it with that camera"
+            wanted = "give the pose another with `image`, or convert it with that camera"
             raise in_cameras.error(f"image {image} is there with another camera", wanted)
         of_image = poses.setdefault(image, [])
         if not isinstance(of_image, list):
@@ -145,7 +145,7 @@ def read_bop(path: Path, request: c.ConvertOptions) -> Scene:
             objects.append(SceneObject(id=name, model=model, world_from_model=Similarity(place)))
     if not objects:
         found = f"image {image.number} has no pose of object {asked}"
-        raise file.error(found, "choose another with --object")
+        raise file.error(found, "choose another with `object_id`")
     return Scene(views=(view,), objects=tuple(objects))
 
 
@@ -263,7 +263,7 @@ def pose_entry(scene: Scene, index: int, view: int, options: c.ConvertOptions) -
     is_named = len(scene.objects) == 1 or re.fullmatch(MODEL_NAME, item.model.location.name)
     if _is_number(item.id) and not (is_named or options.object_ids):
         given = int(item.id)
-    number = _number(given, MODEL_NAME, item.model.location.name, "object", "obj_000005.ply")
+    number = _number(given, MODEL_NAME, item.model.location.name, "object_id", "obj_000005.ply")
     return BopObject(number, replace(place, translation=place.translation * factor)).as_json()
 
 
@@ -292,12 +292,12 @@ def _is_number(text: str) -> bool:
     return text.isdecimal() and len(text) <= MAX_DIGITS
 
 
-def _number(given: str | int | None, pattern: str, name: str, what: str, example: str) -> int:
+def _number(given: str | int | None, pattern: str, name: str, option: str, example: str) -> int:
     said = name if given is None else str(given)
     if match := re.fullmatch(rf"{pattern}|(\d+)", said):
         return int(match[1] or match[2])
-    found = f"BOP wants the {what}'s number, and found {said or 'none'!r}"
-    wanted = f"add --{what} NUMBER (a file called like {example} says it by its name)"
+    found = f"BOP wants the {option.partition('_')[0]}'s number, and found {said or 'none'!r}"
+    wanted = f"add `{option}` (a file called like {example} says it by its name)"
     raise PoseFileError(f"{found}; {wanted}.")
 
 

@@ -90,7 +90,7 @@ class ConvertOptions:
         own = self.unit_of(scene)
         if own is None:
             found = f"{tool} wants {unit}, and the model's unit is not known"
-            raise PoseFileError(f"{found}; say it with --unit, on the page with Model's unit.")
+            raise PoseFileError(f"{found}; say it with `unit`.")
         return metres_per_unit(own) / metres_per_unit(unit)
 
     def size_of(
@@ -103,7 +103,7 @@ class ConvertOptions:
         size = (self.photo_size or size) if None in size else size
         width, height = file.size(size[0], "the photo's width"), file.size(size[1], "its height")
         if width is None or height is None:
-            wanted = "add --photo-size WIDTHxHEIGHT"
+            wanted = "add `photo_size`"
             raise file.error("it does not say how large the photo is", wanted)
         if self.photo_size not in (None, (width, height)):
             asked = "x".join(map(str, self.photo_size or ()))
@@ -123,7 +123,7 @@ class ConvertOptions:
             meant = repr(image) if image else "meant"
             found = f"{len(chosen)} of its {len(known)} {kind} are {meant}"
             names = printable(list_names([name for name, _ in known]))
-            raise file.error(found, f"wanted one, choose it with --image NAME ({names})")
+            raise file.error(found, f"wanted one, choose it with `image` ({names})")
         return chosen[0]
 
     def scene_of(
@@ -190,7 +190,7 @@ class Format:
         files: list[Path] = []
         ready: list[View] = []
         if several and not self.several_objects:
-            wanted = "choose an object by --object ID, or convert all to bop, dope, gltf, meshlab"
+            wanted = "choose an object with `object_id`, or convert all to bop, dope, gltf, meshlab"
             raise PoseFileError(f"Such a file holds one pose; {wanted}.")
         if len(views) > 1 and (not self.several_photos or (several and not self.is_own)):
             notes.append(f"It holds one photo: the other {len(views) - 1} of the set are left out.")
@@ -228,7 +228,7 @@ class Format:
             if path.is_dir():
                 raise PoseFileError(f"{path}: is a folder; name a file in it.")
             if path.exists() and not options.overwrite:
-                wanted = "name another, or add --overwrite"
+                wanted = "name another, or add `overwrite`"
                 raise PoseFileError(f"{path}: is there already and was not touched; {wanted}.")
         for path, content in written.items():
             if path.parent == out:
@@ -283,11 +283,11 @@ def as_shown(view: View, photo: Path, notes: list[str]) -> View:
 def _of_undistorted(view: View, path: Path, options: ConvertOptions) -> View:
     if not view.file.location.is_file():
         found = "The pose is one in the undistorted photo, and that as taken is not known"
-        raise PoseFileError(f"{found}, of which it is made; add --photo FILE.")
+        raise PoseFileError(f"{found}, of which it is made; add `photo`.")
     opened, differences = open_view(replace(view, mask=None))
     if differences:
         found = f"{opened.name}: not the photo of the pose (the fingerprints differ)"
-        raise PhotoFileError(f"{found}; name that one with --photo, or this one if you mean it.")
+        raise PhotoFileError(f"{found}; name that one with `photo`, or this one if you mean it.")
     is_taken = path.exists() and path.samefile(view.file.location)
     if not path.exists() or (options.overwrite and not is_taken):
         save_photo(path, opened.photo, is_own=True)
@@ -343,9 +343,9 @@ def perspective_of(camera: Camera, tool: str) -> Perspective:
 def require_file(path: Path, what: str, tool: str) -> Path:
     """A photo or model that a format cannot do without."""
     if not path.name:
-        raise PoseFileError(f"{tool} files name the {what}, and none is known; add --{what} FILE.")
+        raise PoseFileError(f"{tool} files name the {what}, and none is known; add `{what}`.")
     if not path.is_file():
-        raise PoseFileError(f"{path}: no such file; name the {what} with --{what} FILE.")
+        raise PoseFileError(f"{path}: no such file; name the {what} with `{what}`.")
     return path
 
 
@@ -356,7 +356,7 @@ def metres_per_unit(unit: str) -> float:
         PoseFileError: it is none of ``METRES``.
     """
     if unit not in METRES:
-        wanted = f"wanted one of {', '.join(METRES)}, say it with --unit"
+        wanted = f"wanted one of {', '.join(METRES)}, say it with `unit`"
         raise PoseFileError(f"The model's unit is {unit!r}; {wanted}.")
     return METRES[unit]
 

@@ -94,7 +94,7 @@ def write_gltf_scene(
     for name, (pose, depth) in zip(names, placed, strict=True):
         nodes.append(file.add_camera(name, pose, depth))
     if not scene.views[0].file.location.is_file():
-        notes.append("No photo is known: the file has no plane with it; add --photo FILE.")
+        notes.append("No photo is known: the file has no plane with it; add `photo`.")
         return {out: file.as_bytes(nodes)}
     photo = open_view(replace(scene.views[0], mask=None))[0].photo
     (pose, depth), rgb = placed[0], photo.as_rgb8(photo.width, photo.height)

@@ -157,7 +157,7 @@ def _read_calibration(
     file: InputFile, request: c.ConvertOptions, place: RigidTransform = WORLD
 ) -> View:
     if request.calibration is None:
-        wanted = "add --calibration FILE, and --photo or --photo-size"
+        wanted = "add `calibration`, and `photo` or `photo_size`"
         raise file.error("it does not say the camera", wanted)
     size, photo = request.size_of(file, (None, None), request.photo), request.photo or Path()
     choice = Calibration(request.calibration, lens_model=request.lens_model)

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from poseviewer.errors import MeshFileError
 from poseviewer.files.checks import MAX_DATA_BYTES, InputFile
 from poseviewer.files.mesh import parts as p
-from poseviewer.files.mesh.named import find_named
+from poseviewer.files.mesh.named import NOT_THERE, find_named
 from poseviewer.files.mesh.parts import ModelParts, Part
 from poseviewer.files.mesh.polygons import strip_corners
 from poseviewer.geometry.image import srgb_from_linear
@@ -313,7 +313,7 @@ class _Document:
             return b64decode(uri.partition(",")[2])
         path = find_named(self.path.parent, unquote(uri))
         if path is None:
-            raise ValueError(f"{unquote(uri)[:80]} is not there")
+            raise ValueError(f"{unquote(uri)[:80]} {NOT_THERE}")
         return InputFile(path, [], MeshFileError, "file of a model", MAX_DATA_BYTES).load_bytes()
 
 

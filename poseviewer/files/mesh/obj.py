@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from poseviewer.errors import MeshFileError
 from poseviewer.files.checks import InputFile
 from poseviewer.files.mesh import parts as p
-from poseviewer.files.mesh.named import bare_name, find_named
+from poseviewer.files.mesh.named import NOT_THERE, bare_name, find_named
 from poseviewer.files.mesh.polygons import polygon_corners
 from poseviewer.geometry.normals import weld
 
@@ -182,7 +182,7 @@ def _read_materials(path: Path, libraries: list[str], notes: list[str]) -> dict[
     for library in list(dict.fromkeys(libraries))[:MAX_LIBRARIES]:
         mtl = find_named(path.parent, library)
         if mtl is None or not mtl.stat().st_size:
-            why = "is not there" if mtl is None else "is empty"
+            why = NOT_THERE if mtl is None else "is empty"
             notes.append(f"Material file left out: {bare_name(library)} {why}.")
             continue
         file = InputFile(mtl, [], MeshFileError, "material file")

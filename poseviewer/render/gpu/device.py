@@ -24,7 +24,7 @@ ADAPTER_KINDS = ("DiscreteGPU", "IntegratedGPU", "VirtualGPU", "Unknown", "CPU")
 """Kinds of adapters, the best first."""
 BACKENDS = ("Vulkan", "Metal", "DX12")
 """Backends with compute shaders; OpenGL lacks them on some machines."""
-GPU_ADVICE = 'use renderer="software", or "auto"'
+GPU_ADVICE = 'use `renderer="software"`, or "auto"'
 """End of messages where the GPU cannot be used."""
 WORKGROUP_FACES = 64
 """Faces that a workgroup draws, as in ``moments.wgsl``."""

@@ -124,5 +124,5 @@ def _blend_colour(picture: Picture, colour: ArrayLike, opacity: NDArray) -> Pict
 
 def _relight(view: ModelInPhoto, image: AttributeImage) -> FloatArray:
     if view.relight is None:
-        raise ValueError("the styles `relit` and `residual` need the recovered lighting")
+        raise ValueError("the styles relit and residual need the recovered lighting")
     return np.clip(view.relight(image), 0.0, 1.0)

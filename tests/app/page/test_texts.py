@@ -1,20 +1,15 @@
 """Texts of the panel on a session."""
 
-import ast
 import html
 import json
-import re
-from collections.abc import Iterator
-from dataclasses import fields, replace
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from lxml import html as lxml_html
 
-import poseviewer
 from poseviewer.app.page.above_steps import parts_left_out
-from poseviewer.app.page.controls import on_page, percent, plain
+from poseviewer.app.page.controls import plain
 from poseviewer.app.page.texts import (
     SEARCHING_HINT,
     SIZE_HINT,
@@ -33,10 +28,10 @@ from poseviewer.app.state import hiding as h
 from poseviewer.app.state.results import LossReading, Results
 from poseviewer.app.workers.exporting import scene_to_save
 from poseviewer.confidence.verdict import Verdict
+from poseviewer.errors import percent
 from poseviewer.files.scene_json import as_saved, pose_json
 from poseviewer.losses.default_loss import UnexplainedScale
 from poseviewer.losses.loss import Unexplained
-from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import SearchResult
 from tests.app.state import edits as c
 from tests.app.state.documents import PERSPECTIVE, after, held, make_photo, make_session
@@ -161,58 +156,8 @@ def test_size_and_origin_are_last_among_the_notes():
     assert "its origin lies" in last
 
 
-def sentences_with(pattern: str) -> Iterator[str]:
-    """Every text of the package with a pattern, but for those of its commands."""
-    package = Path(poseviewer.__file__).parent
-    for path in package.rglob("*.py"):
-        if path.relative_to(package).parts[0] in ("cli", "evaluation", "batch", "cluster.py"):
-            continue
-        nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
-        joined = [node for node in nodes if isinstance(node, ast.JoinedStr)]
-        pieces = {id(piece) for node in joined for piece in node.values}
-        docs = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
-        for node in nodes:
-            if isinstance(node, ast.Constant) and id(node) not in pieces | docs:
-                texts = [node.value]
-            else:
-                texts = [getattr(piece, "value", "x") for piece in getattr(node, "values", ())]
-            text = "".join(one if isinstance(one, str) else "x" for one in texts)
-            if " " in text and re.search(pattern, text):
-                yield text
-
-
-def test_no_sentence_on_the_page_names_an_option_of_the_command_line():
-    texts = list(sentences_with(r"(?<![\w-])--[a-z]"))
-    assert len(texts) > 30
-    for text in texts:
-        assert "--" not in on_page(text), text
-    unit = "meshlab wants mm; say it with --unit, on the page with Model's unit."
-    assert on_page(unit) == "meshlab wants mm; say it with Model's unit."
-    drawn = "draw a rectangle about it (Fit to box), or name it with --box LEFT,TOP,WIDTH,HEIGHT."
-    assert on_page(drawn) == "draw a rectangle about it (Fit to box)."
-    assert on_page("the best pose is kept, or raise it (--seconds).") == (
-        "the best pose is kept, or raise it."
-    )
-    for name in ("a--b.png", "car (v--2).glb", "50%.jpg", "-- b.png"):
-        assert on_page(f"{name}: no photo") == f"{name}: no photo"
-
-
-def test_no_sentence_on_the_page_names_a_setting_of_the_library():
-    names = [field.name for field in fields(FitSettings)]
-    free = "|".join(name for name in names if name.startswith("free_"))
-    pattern = rf'(?<!\w)(({"|".join(names)})="|({free})(?!\w))|\(setting '
-    texts = list(sentences_with(pattern))
-    assert len(texts) > 8
-    for text in texts:
-        assert not re.search(pattern, on_page(text)), text
-    assert on_page('take wheels; or use chart="free-body"') == (
-        'take wheels; or use "Parameters: free-body"'
-    )
-
-
 def test_a_share_has_one_form():
     assert percent(0.97) == "97 %"
-    assert plain("Only 87% of it is seen") == "Only 87 % of it is seen"
 
 
 def test_names_of_parts_are_text():

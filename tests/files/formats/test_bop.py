@@ -86,9 +86,9 @@ def test_damaged_files_are_said_and_not_written_over(tmp_path, cameras, poses, s
 def test_what_is_not_known_is_asked_for(tmp_path):
     record = perspective_record()
     for nameless, unit, wanted in (
-        (perspective_record(unit=None), None, "--unit"),
-        (structs.replace(record, photo=None), "m", "--image NUMBER"),
-        (structs.replace(record, model=None), "m", "--object NUMBER"),
+        (perspective_record(unit=None), None, "`unit`"),
+        (structs.replace(record, photo=None), "m", "add `image`"),
+        (structs.replace(record, model=None), "m", "add `object_id`"),
     ):
         with pytest.raises(PoseFileError, match=wanted):
             write(nameless, tmp_path, unit=unit)
@@ -108,7 +108,7 @@ def test_one_of_many_poses_is_chosen(tmp_path):
     found = read_bop(tmp_path, ConvertOptions(image="3", **size))
     assert [one.id for one in found.objects] == ["5", "6"]
     for image, number in ((None, None), ("3", 7), ("4", 5), (None, 5)):
-        with pytest.raises(PoseFileError, match=r"--image|--object"):
+        with pytest.raises(PoseFileError, match=r"`(image|object_id)`"):
             read_bop(tmp_path, ConvertOptions(image=image, object_id=number, **size))
 
 

@@ -173,7 +173,7 @@ def test_a_focal_length_that_was_found_is_no_lens_of_the_photo_as_taken(tmp_path
 def test_a_photo_that_is_in_the_way_or_not_the_one_is_said(tmp_path, capsys):
     record = record_through(LENSES["five"])
     assert written("bop", record, tmp_path) == 2
-    assert "add --photo FILE" in capsys.readouterr().err
+    assert "add --photo PHOTO." in capsys.readouterr().err
     _, request = write_files(tmp_path)
     other = tmp_path / "other.png"
     cv2.imwrite(str(other), np.zeros((10, 10, 3), np.uint8))

@@ -99,7 +99,7 @@ def test_the_text_of_occlusion_linemod_has_metres_and_opengls_axes(tmp_path):
     ("a b", "wanted a number"),
     ("2 0 0 0 0 2 0 0 0 0 2 0", "not a rotation"),
     (" ".join(["1 0 0 0 0 1 0 0 0 0 1 0", "1 2 3 1"]), "last row"),
-    ("1 0 0 0 0 1 0 0 0 0 1 0", "--calibration"),
+    ("1 0 0 0 0 1 0 0 0 0 1 0", "`calibration`"),
 ])  # fmt: skip
 def test_a_matrix_that_is_none_is_refused(tmp_path, text, words):
     (tmp_path / "pose.txt").write_text(text)
@@ -136,7 +136,7 @@ def test_dopes_poses_are_in_centimetres(tmp_path, unit, size):
 def test_a_file_of_dope_without_its_camera_takes_that_of_a_calibration(tmp_path):
     (tmp_path / "d.json").write_text(json.dumps({"objects": DOPE["objects"]}))
     size: Any = {"photo_size": (200, 150)}
-    with pytest.raises(PoseViewerError, match="does not say the camera; add --calibration"):
+    with pytest.raises(PoseViewerError, match="does not say the camera; add `calibration`"):
         FORMATS["dope"].read(tmp_path / "d.json", ConvertOptions(**size))
     options = ConvertOptions(calibration=write(tmp_path / "cam_K.txt", K), unit="m", **size)
     seen = FORMATS["dope"].read(tmp_path / "d.json", options).pose(0).project(POINTS)
@@ -153,5 +153,5 @@ def test_a_pose_for_dope_is_as_its_description_says(tmp_path):
     sign = np.sign(np.dot(found["quaternion_xyzw"], wanted["quaternion_xyzw"]))
     np.testing.assert_allclose(sign * np.array(found["quaternion_xyzw"]), wanted["quaternion_xyzw"])
     unitless = scene_of_pose(tmp_path, perspective_record(unit=None))
-    with pytest.raises(PoseViewerError, match="--unit"):
+    with pytest.raises(PoseViewerError, match="`unit`"):
         FORMATS["dope"].convert(unitless, out, ConvertOptions(overwrite=True))

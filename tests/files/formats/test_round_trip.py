@@ -83,7 +83,7 @@ def test_nothing_is_overwritten_unasked(tmp_path, name, out):
     before = contents(tmp_path)
     place = RigidTransform(np.eye(3), np.array([0.0, 0.0, 7.0]))
     moved = record.with_pose(replace(record.pose, camera_from_model=place))
-    with pytest.raises(PoseFileError, match="--overwrite"):
+    with pytest.raises(PoseFileError, match="`overwrite`"):
         write(name, tmp_path / out, moved)
     assert contents(tmp_path) == before
     write(name, tmp_path / out, moved, overwrite=True)

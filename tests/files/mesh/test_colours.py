@@ -11,6 +11,7 @@ from trimesh.visual.material import PBRMaterial
 
 from poseviewer.errors import MeshFileError
 from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.mesh.named import NOT_THERE
 from poseviewer.geometry.image import srgb_from_linear
 from poseviewer.geometry.mesh import Mesh
 from tests.textured import CORNERS, write_gltf, write_obj, write_ply
@@ -48,7 +49,7 @@ def test_a_texture_is_laid_on_the_model(folder: Path, write) -> None:
     mesh = load_mesh(path)
     assert mesh.textures == ()
     assert np.all(mesh.face_texture == -1)
-    assert mesh.notes == (f"Texture left out: {PICTURE} is not there.",)
+    assert mesh.notes == (f"Texture left out: {PICTURE} {NOT_THERE}.",)
 
 
 @pytest.mark.parametrize("named", [f"-s 1 1 1 -clamp on {PICTURE}", f"C:\\old place\\{PICTURE}"])
@@ -105,7 +106,7 @@ def test_missing_materials_are_noted(folder: Path) -> None:
     (folder / "quad.mtl").write_bytes(b"")
     assert load_mesh(path).notes == ("Material file left out: quad.mtl is empty.",)
     (folder / "quad.mtl").unlink()
-    assert load_mesh(path).notes == ("Material file left out: quad.mtl is not there.",)
+    assert load_mesh(path).notes == (f"Material file left out: quad.mtl {NOT_THERE}.",)
 
 
 @pytest.mark.parametrize("names", [("u", "v"), ("texture_u", "texture_v")])

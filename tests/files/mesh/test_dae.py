@@ -8,6 +8,7 @@ from PIL import Image
 
 from poseviewer.errors import MeshFileError
 from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.mesh.named import NOT_THERE
 from poseviewer.files.mesh.references import names_in
 from poseviewer.geometry.normals import face_normals_and_areas
 
@@ -115,7 +116,7 @@ def test_a_texture_of_a_dae_is_laid_on_or_noted(tmp_path, has_picture):
     mesh = load(tmp_path, text)
     assert names_in(tmp_path / "l.dae") == {"a b.png": True}
     assert len(mesh.textures) == has_picture
-    assert mesh.notes == (() if has_picture else ("Texture left out: a b.png is not there.",))
+    assert mesh.notes == (() if has_picture else (f"Texture left out: a b.png {NOT_THERE}.",))
     if has_picture:
         clamped = text.replace("s</source>", "s</source><wrap_s>CLAMP</wrap_s>")
         (note,) = load(tmp_path, clamped.replace("1.0 0.0", "2.0 0.0")).notes
