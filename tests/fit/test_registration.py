@@ -156,5 +156,5 @@ def test_a_start_of_which_nothing_can_be_compared_is_refused(translation, weight
 
 @pytest.mark.parametrize("seed", [-1, 1.5, "1"])
 def test_a_seed_that_is_none_is_refused(seed):
-    with pytest.raises(SettingsError, match=r"^seed=.*: wanted a whole number of 0 or more\.$"):
+    with pytest.raises(SettingsError, match=r"^`seed=.*`: wanted a whole number of 0 or more\.$"):
         FitSettings(seed=seed)

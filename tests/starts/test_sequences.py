@@ -86,9 +86,9 @@ def test_what_was_found_in_front_belongs_to_the_key_and_a_mask_to_all_frames_if_
 
 
 def test_a_key_or_a_mask_that_is_not_there_is_said(frames, scene):
-    with pytest.raises(SettingsError, match="key=4: frames has 3 frames"):
+    with pytest.raises(SettingsError, match="`key=4`: frames has 3 frames"):
         open_sequence(frames, scene.model, scene.truth, key=3)
-    with pytest.raises(SettingsError, match="mask_all_frames without a mask"):
+    with pytest.raises(SettingsError, match="`mask_all_frames` without a mask"):
         open_sequence(frames, scene.model, scene.truth, mask_all_frames=True)
 
 

@@ -97,7 +97,7 @@ def test_no_object_of_a_photo_has_another_ones_file(scene):
 def test_a_format_of_one_unit_asks_for_the_models(scene, what):
     session = Session(open_files(scene.photo, scene.model, scene.start))
     numbers = ConvertOptions(image="4", object_ids=(2,))
-    with pytest.raises(PoseViewerError, match="on the page with Model's unit"):
+    with pytest.raises(PoseViewerError, match="say it with `unit`"):
         export(what, session, numbers=numbers)
     assert export(what, after(session, set_unit("mm")), numbers=numbers)
 

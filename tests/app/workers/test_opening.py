@@ -153,7 +153,7 @@ def test_a_lens_of_no_said_model_is_opened_by_that_of_the_page(
 ) -> None:
     camera = {"camera_matrix": [[300, 0, 80], [0, 300, 60], [0, 0, 1]], "D": [0.1, 0.02, 0.01, 0]}
     files = sort_set([write(tmp_path / "camera.json", camera)])
-    with pytest.raises(CalibrationFileError, match="on the page with Lens model"):
+    with pytest.raises(CalibrationFileError, match=r"with `Calibration\.lens_model`"):
         open_file_set(plain, files, [])
     undone = open_file_set(plain, files, [], lens_model="fisheye").photo.undistortion
     assert undone is not None
