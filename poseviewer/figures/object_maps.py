@@ -149,7 +149,9 @@ def write_masks(scene: Scene, out: Path, options: ConvertOptions) -> list[str]:
         if len(poses[str(number)]) != len(scene.objects):
             notes.append(f"Image {number} has other objects: {INFO} and masks stay as they are.")
         elif is_there and not (options.overwrite or len(scene.objects) > 1):
-            notes.append(f"{INFO} and masks of image {number} are there; add `overwrite`.")
+            notes.append(
+                f"{INFO} and masks of image {number} are there; replace them with `overwrite`."
+            )
         else:
             infos |= new
             save_pictures(out, pictures, overwrite=True)

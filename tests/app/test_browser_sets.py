@@ -144,7 +144,7 @@ def test_many_notes_leave_the_photo_free_and_no_sentence_names_a_flag(
     page.page.get_by_role("option", name="bop", exact=True).click()
     page.page.get_by_role("button", name="Export as ...").click()
     page.page.get_by_role("button", name="Export", exact=True).click()
-    said.filter(has_text="say it with Model's unit").wait_for()
+    said.filter(has_text='say it with "Model\'s unit"').wait_for()
     assert not [text for text in said.all_inner_texts() if "--" in text]
     notice.wait_for(state="hidden")  # it lay over the photo
     page.open_step(1)

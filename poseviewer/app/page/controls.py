@@ -64,7 +64,7 @@ FIELDS = {
 }
 """Labels of the fields of settings that sentences name."""
 WAYS = {
-    **dict.fromkeys(("image", "object_id", "overwrite", "photo_size"), "poseviewer convert"),
+    **dict.fromkeys(("image", "object_id", "overwrite"), "poseviewer convert"),
     **dict.fromkeys(("key", "mask_all_frames"), "poseviewer track"),
     **dict.fromkeys(("rig_object", "scale"), "the command line"),
     "calibration": "a calibration file",
@@ -73,6 +73,7 @@ WAYS = {
     "keep_start": "keeping the start",
     "model": "the model",
     "photo": "the photo",
+    "photo_size": "its size",
     "photos": "a set of fewer",
     "view": "its file",
 }

@@ -105,7 +105,7 @@ def write_bop(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) -> c.
         entries = [pose_entry(scene, i, index, options) for i in range(len(scene.objects))]
         if len(scene.objects) > 1:
             if image in poses and not options.overwrite:
-                wanted = "name another with `image`, or add `overwrite`"
+                wanted = "name another with `image`, or replace it with `overwrite`"
                 raise in_poses.error(f"image {image} is there already and was not touched", wanted)
             cameras.pop(image, None)
             poses.pop(image, None)
@@ -297,7 +297,7 @@ def _number(given: str | int | None, pattern: str, name: str, option: str, examp
     if match := re.fullmatch(rf"{pattern}|(\d+)", said):
         return int(match[1] or match[2])
     found = f"BOP wants the {option.partition('_')[0]}'s number, and found {said or 'none'!r}"
-    wanted = f"add `{option}` (a file called like {example} says it by its name)"
+    wanted = f"say it with `{option}` (a file called like {example} says it by its name)"
     raise PoseFileError(f"{found}; {wanted}.")
 
 

@@ -228,7 +228,7 @@ class Format:
             if path.is_dir():
                 raise PoseFileError(f"{path}: is a folder; name a file in it.")
             if path.exists() and not options.overwrite:
-                wanted = "name another, or add `overwrite`"
+                wanted = "name another, or replace it with `overwrite`"
                 raise PoseFileError(f"{path}: is there already and was not touched; {wanted}.")
         for path, content in written.items():
             if path.parent == out:

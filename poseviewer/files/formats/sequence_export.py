@@ -80,7 +80,7 @@ def export_sequence(
         raise PoseFileError("No frame of the sequence has a pose; place the model in one.")
     is_there = out.exists() and not (out.is_dir() and not any(out.iterdir()))
     if is_there and not options.overwrite:
-        wanted = "name another, or add `overwrite`"
+        wanted = "name another, or replace it with `overwrite`"
         raise PoseFileError(f"{out}: is there already and was not touched; {wanted}.")
     if kind in WITH_PHOTOS:
         notes += check_frames(scene)

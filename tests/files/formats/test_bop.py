@@ -87,8 +87,8 @@ def test_what_is_not_known_is_asked_for(tmp_path):
     record = perspective_record()
     for nameless, unit, wanted in (
         (perspective_record(unit=None), None, "`unit`"),
-        (structs.replace(record, photo=None), "m", "add `image`"),
-        (structs.replace(record, model=None), "m", "add `object_id`"),
+        (structs.replace(record, photo=None), "m", "with `image`"),
+        (structs.replace(record, model=None), "m", "with `object_id`"),
     ):
         with pytest.raises(PoseFileError, match=wanted):
             write(nameless, tmp_path, unit=unit)
