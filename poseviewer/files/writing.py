@@ -102,7 +102,9 @@ def write_whole(
             temporary.unlink()
 
 
-def write_json(path: Path, data: Any, error: type[PoseViewerError], *, indent: int = 2) -> None:
+def write_json(
+    path: Path, data: Any, error: type[PoseViewerError], *, indent: int = 2, is_own: bool = False
+) -> None:
     """Write what JSON can hold, in UTF-8, as ``write_whole`` does.
 
     Args:
@@ -110,8 +112,9 @@ def write_json(path: Path, data: Any, error: type[PoseViewerError], *, indent: i
         data: its entries.
         error: type of the error where it cannot be written.
         indent: spaces of a level.
+        is_own: whether a file that was read may be replaced.
     """
-    write_whole(path, json_bytes(path, data, error, indent=indent), error)
+    write_whole(path, json_bytes(path, data, error, indent=indent), error, is_own=is_own)
 
 
 def json_bytes(
