@@ -58,7 +58,7 @@ def run_row(job: Job, plan: Batch) -> JobResult:
         question = _ask_unit(job, plan)
         fit = _fit(job, plan)
         picture = draw_comparison(fit) if plan.is_audit else shrink_picture(fit.picture())
-        more = audit_numbers(fit, job.is_hidden) if plan.is_audit else {}
+        more = audit_numbers(fit, job.is_hidden, question) if plan.is_audit else {}
         pose_bytes(Path(job.photo), fit.record)  # a number that no file can have is the row's
     except PoseViewerError as error:
         return save_failure(plan.folder, job, str(error), question)
