@@ -172,6 +172,8 @@ def lock_file(path: Path) -> IO[bytes] | None:
             import fcntl
 
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if not os.fstat(file.fileno()).st_nlink:  # its holder removed it as it ended
+                raise BlockingIOError
     except (BlockingIOError, PermissionError):
         file.close()
         return None
