@@ -28,8 +28,9 @@ from poseviewer.app.state.marking import MARKING
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import OF_FRAMES
 from poseviewer.app.workers.tasks import Restore, TaskResult, download
+from poseviewer.errors import PoseViewerError
 from poseviewer.files.file_set import MAX_FILES
-from poseviewer.files.formats.bop import likely_numbers
+from poseviewer.files.formats.bop import likely_numbers, object_numbers
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.files.state.uploads import MAX_UPLOAD_BYTES
@@ -215,8 +216,14 @@ class Page:
             def send(_: viser.GuiEvent) -> None:
                 said = None if image is None or image.value == named else f"{image.value}"
                 ids = tuple(field.value for field in fields)
+                numbers = ConvertOptions(image=said, object_ids=ids)
+                try:
+                    object_numbers(scene, numbers)
+                except PoseViewerError as error:
+                    self.show_error(str(error), client)
+                    return
                 close_modal(modal)
-                self._post(download(what, client, ConvertOptions(image=said, object_ids=ids)))
+                self._post(download(what, client, numbers))
 
             tab.gui.add_button("Export", color="cyan").on_click(send)
             tab.gui.add_button("Close", color="gray").on_click(lambda _: close_modal(modal))

@@ -9,6 +9,7 @@ from zipfile import ZipFile
 
 import numpy as np
 import pytest
+import trimesh
 
 from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.document_edits import undo
@@ -138,6 +139,22 @@ def test_numbers_are_guessed_apart_for_two_models_and_alike_for_one_twice(scene,
     other = load_model(shutil.copy(scene.model, tmp_path / "other.ply"))
     session = after(session, add_object(other), pick_object(1), add_object())
     assert likely_numbers(session.document.scene) == (None, (1, 2, 1))
+
+
+def test_two_models_have_no_number_in_common_and_one_twice_has_one(scene, tmp_path):
+    ball = tmp_path / "ball.ply"
+    trimesh.creation.icosphere(radius=0.4).export(ball)
+    session = Session(open_files(scene.photo, scene.model, scene.start))
+    session = after(session, add_object(load_model(ball)), pick_object(1), add_object())
+    session = after(session, set_unit("mm"))
+    for numbers in ((1, 1, 2), (1, 2, 2)):
+        with pytest.raises(PoseViewerError, match=f"have the number {numbers[1]} in BOP; give"):
+            export("bop", session, numbers=ConvertOptions(image="0", object_ids=numbers))
+    known = ConvertOptions(image="0", object_ids=(1, 2, 1))
+    ((_, data),) = export("bop", session, numbers=known).items()
+    (place,) = (own for own in ZipFile(BytesIO(data)).namelist() if "scene_gt.json" in own)
+    poses = json.loads(ZipFile(BytesIO(data)).read(place))
+    assert [pose["obj_id"] for pose in poses["0"]] == [1, 2, 1]
 
 
 def test_a_unit_that_is_said_on_the_page_is_in_what_is_saved(scene, tmp_path):

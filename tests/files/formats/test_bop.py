@@ -88,7 +88,7 @@ def test_what_is_not_known_is_asked_for(tmp_path):
     for nameless, unit, wanted in (
         (perspective_record(unit=None), None, "--unit"),
         (structs.replace(record, photo=None), "m", "--image NUMBER"),
-        (structs.replace(record, model=None), "m", "--object NUMBER"),
+        (structs.replace(record, model=None), "m", "--object 1=NUMBER"),
     ):
         with pytest.raises(PoseFileError, match=wanted):
             write(nameless, tmp_path, unit=unit)
