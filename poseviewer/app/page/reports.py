@@ -21,12 +21,15 @@ from poseviewer.app.state.pointer_edits import cancel_drag, double_press, drag_t
 from poseviewer.app.state.pose_edits import nudge, pick_in_landscape
 from poseviewer.app.state.proposal_edits import take_start
 from poseviewer.app.workers.tasks import Request, grow
+from poseviewer.errors import printable
 from poseviewer.files.state.uploads import why_not_sent, why_unfit
 
 FINE = 0.1
 """Factor of nudges with shift."""
 COARSE = 10.0
 """Factor of nudges with ctrl."""
+MAX_SAID = 40
+"""Letters of a text that a sentence says again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +72,11 @@ def _stroke(shape: Shape, points: list[Px], radius: Px, erase: bool) -> Request 
     return grow(stroke) if shape == "scribble" else paint(stroke)
 
 
+def _no_number(name: str, text: str) -> str:
+    said, written = printable(name, MAX_SAID), printable(text, MAX_SAID)
+    return f"{said}: {written!r} is no number as it is written; wanted one such as 1390.5."
+
+
 MEANINGS: Mapping[str, Callable[..., Meaning]] = {
     "press": press,
     "drag": drag_to,
@@ -94,6 +102,7 @@ MEANINGS: Mapping[str, Callable[..., Meaning]] = {
     "theme": Theme,
     "unfit": why_unfit,
     "not sent": why_not_sent,
+    "no number": _no_number,
 }
 """Meaning of a report of each kind, made of its other fields by their names."""
 
