@@ -16,9 +16,16 @@ from poseviewer.app.page.reports import newest_drags
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.document import Document
-from poseviewer.app.state.edits import AskNumbers, Edit, ReviewRow, SavePose, ShowHelp
+from poseviewer.app.state.edits import (
+    AskNumbers,
+    Edit,
+    ReviewRow,
+    SavePose,
+    ShowHelp,
+    cancel_drag,
+    update,
+)
 from poseviewer.app.state.hiding import forget_strokes
-from poseviewer.app.state.pointer_edits import cancel_drag, update
 from poseviewer.app.state.results import Preparation
 from poseviewer.app.state.search_edits import preparation_advanced
 from poseviewer.app.state.session import Session

@@ -12,9 +12,8 @@ import pytest
 from poseviewer.app.page.rows import row_text, rows_list
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.document_edits import undo
-from poseviewer.app.state.edits import Edit
+from poseviewer.app.state.edits import Edit, update
 from poseviewer.app.state.hiding import Stroke, paint
-from poseviewer.app.state.pointer_edits import update
 from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.autosaving import Autosaver

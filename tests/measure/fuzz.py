@@ -25,8 +25,7 @@ from pathlib import Path, PurePosixPath
 from zipfile import ZipFile
 
 from poseviewer.app.page.reports import meaning_of
-from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.pointer_edits import update
+from poseviewer.app.state.edits import Edit, update
 from poseviewer.batch.job_table import load_jobs
 from poseviewer.errors import MeshFileError, PoseViewerError
 from poseviewer.files.cameras import load_cameras

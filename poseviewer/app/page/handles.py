@@ -8,10 +8,10 @@ import numpy as np
 
 from poseviewer.app.page.controls import jpeg_url, on_press
 from poseviewer.app.page.measure_panel import distance_text
-from poseviewer.app.state.document import is_shown
+from poseviewer.app.state.document import MARKING, is_shown
 from poseviewer.app.state.dragging import pins_in_photo
 from poseviewer.app.state.hiding import HIDING
-from poseviewer.app.state.marking import MARKING, marks_in_photo
+from poseviewer.app.state.marking import marks_in_photo
 from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError
 from poseviewer.geometry.arrays import FloatArray

@@ -20,11 +20,10 @@ from poseviewer.app.page.rows import add_rows
 from poseviewer.app.page.strip import show_strip
 from poseviewer.app.page.texts import first_text, hint_of
 from poseviewer.app.reviewing import Reviewer
-from poseviewer.app.state.document import label_of
+from poseviewer.app.state.document import MARKING, label_of
 from poseviewer.app.state.edits import SavePose
 from poseviewer.app.state.hiding import SHAPES
 from poseviewer.app.state.keys_and_buttons import client_keys, help_table
-from poseviewer.app.state.marking import MARKING
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import OF_FRAMES
 from poseviewer.app.workers.tasks import Restore, TaskResult, download

@@ -35,10 +35,9 @@ from poseviewer.app.state.camera_edits import (
     set_projection,
 )
 from poseviewer.app.state.display_edits import show_style
-from poseviewer.app.state.document import is_alone
+from poseviewer.app.state.document import MARKING, is_alone
 from poseviewer.app.state.edits import AskNumbers
 from poseviewer.app.state.keys_and_buttons import ACTIONS, STYLES
-from poseviewer.app.state.marking import MARKING
 from poseviewer.app.state.objects import alter_object, set_unit, unit_of_models
 from poseviewer.app.state.pointer_edits import set_tool
 from poseviewer.app.state.pose_edits import pose_numbers, set_number, set_parameter, view_from

@@ -12,12 +12,20 @@ import numpy as np
 
 from poseviewer.app.state import objects as o
 from poseviewer.app.state.display_edits import enlarge_map
-from poseviewer.app.state.edits import Edit, Px, ReviewRow, SavePose, ShowHelp
+from poseviewer.app.state.edits import (
+    Edit,
+    Px,
+    ReviewRow,
+    SavePose,
+    ShowHelp,
+    cancel_drag,
+    release,
+)
 from poseviewer.app.state.frame_edits import edit_frames, go_to_frame, step_frame
 from poseviewer.app.state.hiding import Shape, Stroke, bring_back, paint
 from poseviewer.app.state.keys_and_buttons import KEYS
 from poseviewer.app.state.marking import mark_model, turn_model
-from poseviewer.app.state.pointer_edits import cancel_drag, double_press, drag_to, press, release
+from poseviewer.app.state.pointer_edits import double_press, drag_to, press
 from poseviewer.app.state.pose_edits import nudge, pick_in_landscape
 from poseviewer.app.state.proposal_edits import take_start
 from poseviewer.app.workers.tasks import Request, grow

@@ -7,9 +7,9 @@ import numpy as np
 from poseviewer.app.page.controls import percent, plain
 from poseviewer.app.page.result import deviations_of
 from poseviewer.app.state import hiding as h
-from poseviewer.app.state.document import WHEELS, label_of, verdict_of
+from poseviewer.app.state.document import MARKING, WHEELS, label_of, verdict_of
 from poseviewer.app.state.dragging import radius_in_photo
-from poseviewer.app.state.marking import MARKING, pair_errors, pose_beside_wheels
+from poseviewer.app.state.marking import pair_errors, pose_beside_wheels
 from poseviewer.app.state.objects import symmetry_text
 from poseviewer.app.state.searches import LossComparison
 from poseviewer.app.state.session import Session

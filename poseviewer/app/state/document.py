@@ -79,6 +79,10 @@ class Marks:
         return tuple(ellipse_through(piece) for piece in pieces)
 
 
+MARKING = {"pairs": ("pixels", "points"), "wheels": ("rims",)}
+"""Fields of ``Marks`` that each tool sets; the first holds pixels."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ObjectState:
     """State of an object that only the app has."""

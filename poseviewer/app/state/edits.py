@@ -1,19 +1,27 @@
-"""Edits: functions from a session to the next one, which pages and workers request."""
+"""Edits: functions from a session to the next one, which pages and workers request; and ``update``,
+which makes them.
+"""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import wraps
 from typing import Annotated, Any, Concatenate, Literal, ParamSpec
 
 from msgspec import Meta
 
-from poseviewer.app.state.session import Session
+from poseviewer.app.state.document import MARKING
+from poseviewer.app.state.searches import ProposedStarts
+from poseviewer.app.state.session import Session, is_in_sight
+from poseviewer.errors import PoseViewerError, SettingsError
+from poseviewer.geometry.charts import OutsideChartError
 
 P = ParamSpec("P")
 Px = Annotated[float, Meta(ge=-1e6, le=1e6)]
 """Coordinate in the photo, in the range that a page may send."""
 Zoom = Annotated[float, Meta(ge=1e-3, le=1e3)]
 """Screen px per photo px, in the range that a page may send."""
+MAX_INPUT = 1e9
+"""Largest number (px, steps, parameters) that is taken; larger ones would overflow."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,3 +89,49 @@ def edit(
 def drag_edit(change: Callable[Concatenate[Session, P], Session]) -> Callable[P, Edit]:
     """Decorate like ``edit``, for edits that do not end a drag."""
     return edit(change, keeps_drag=True)
+
+
+@drag_edit
+def release(session: Session) -> Session:
+    """End the drag, as one undo step. A box that was drawn takes the model, and starts are proposed
+    in it.
+    """
+    drag, document, tool = session.drag, session.document, session.tool
+    if drag is None:
+        return session
+    session = replace(session, drag=None, tool=tool if tool in MARKING else "pose")
+    if drag.before is None:
+        return session
+    session, document = replace(session, document=drag.before), drag.end(document)
+    if not is_in_sight(document):
+        return session
+    session = session.with_document(document)
+    is_boxed = tool == "box" and document.marks.box is not None
+    return session.with_proposals(ProposedStarts(session.document)) if is_boxed else session
+
+
+@drag_edit
+def cancel_drag(session: Session) -> Session:
+    """Take the drag back, leave the tool, and stop proposing starts and propagating poses."""
+    session, drag = session.stop_proposing().stop_propagating(), session.drag
+    document = session.document if drag is None or drag.before is None else drag.before
+    return replace(session, drag=None, tool="pose", document=document)
+
+
+def update(session: Session, request: Edit) -> Session:
+    """The session after an edit; the same object if nothing changes.
+
+    Raises:
+        SettingsError: the edit cannot be made; a sentence for the user.
+    """
+    for value in (*request.arguments, *request.named.values()):
+        if isinstance(value, int | float) and not abs(value) <= MAX_INPUT:
+            wanted = f"wanted one within {MAX_INPUT:g} of zero; nothing was changed."
+            raise SettingsError(f"A number is {value}: {wanted}")
+    try:
+        keeps_drag = request.keeps_drag or session.drag is None
+        return request(session if keeps_drag else release()(session))
+    except (PoseViewerError, OutsideChartError, ArithmeticError) as error:
+        text = str(error)
+        end = "" if text.endswith((".", "!", "?")) else "."
+        raise SettingsError(f"{text[:1].upper()}{text[1:]}{end}") from error

@@ -1,14 +1,13 @@
 """Edits of the active object's pose by fields, buttons and maps."""
 
 import math
-from contextlib import suppress
 from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from poseviewer.app.state.document import Document, scale_at
+from poseviewer.app.state.document import scale_at
 from poseviewer.app.state.dragging import roll, rotate, scale_about, translate
 from poseviewer.app.state.edits import edit
 from poseviewer.app.state.session import Session
@@ -17,23 +16,12 @@ from poseviewer.fit.slices import Slice
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.starts.loading import scale_by_rays
 from poseviewer.starts.placing import look_from
 
 NudgeKind = Literal["move", "turn", "roll", "scale"]
 NUDGE_MOVE_PX = 1.0
 NUDGE_TURN = math.radians(1.0)
 NUDGE_SCALE = 1.01
-
-
-def move_to(document: Document, pose: Pose) -> Document:
-    """The document at a pose; if the scale of its views is free, at the triangulated scale."""
-    scale = None
-    if document.scene.free_scale:
-        with suppress(SettingsError):
-            views, name = document.scene.views, document.scene.name
-            scale = 1.0 / scale_by_rays(views, document.view_index, document.mesh, pose, name)
-    return document.at_pose(pose, scale=scale)
 
 
 @edit

@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 from poseviewer.app.state.document import Document, loss_inputs
+from poseviewer.app.state.dragging import move_to
 from poseviewer.app.state.edits import drag_edit, edit
 from poseviewer.app.state.frame_keys import store_changed_poses
-from poseviewer.app.state.pose_edits import move_to
 from poseviewer.app.state.search_edits import with_progress, with_search
 from poseviewer.app.state.searches import ProposedStarts, SearchRequest
 from poseviewer.app.state.session import Session

@@ -3,11 +3,10 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-from poseviewer.app.state.document import UNLOCK, Document, is_shown, label_of, verdict_of
+from poseviewer.app.state.document import MARKING, UNLOCK, Document, is_shown, label_of, verdict_of
 from poseviewer.app.state.document_edits import undo
 from poseviewer.app.state.edits import drag_edit, edit
 from poseviewer.app.state.frame_keys import store_changed_poses
-from poseviewer.app.state.marking import MARKING
 from poseviewer.app.state.results import Preparation
 from poseviewer.app.state.searches import LossComparison, SearchRequest
 from poseviewer.app.state.session import Session, is_in_sight

@@ -12,8 +12,8 @@ from weakref import WeakSet
 import numpy as np
 
 from poseviewer.app.state.document import Document, reference_view
+from poseviewer.app.state.dragging import move_to
 from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.pose_edits import move_to
 from poseviewer.app.state.proposal_edits import list_starts, stop_proposing, take_fitted_start
 from poseviewer.app.state.results import Preparation
 from poseviewer.app.state.search_edits import preparation_advanced, search_advanced, search_failed

@@ -5,8 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from poseviewer.app.state.document import Document, with_camera
+from poseviewer.app.state.dragging import move_to
 from poseviewer.app.state.objects import with_added
-from poseviewer.app.state.pose_edits import move_to
 from poseviewer.errors import PoseFileError, QuickStartError
 from poseviewer.files.cameras import Calibration, load_calibration
 from poseviewer.files.demo import PLACES

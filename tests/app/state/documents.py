@@ -7,8 +7,7 @@ import pytest
 
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.dragging import Drag
-from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.pointer_edits import update
+from poseviewer.app.state.edits import Edit, update
 from poseviewer.app.state.session import SearchRequest, Session
 from poseviewer.errors import PoseViewerError
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose

@@ -9,7 +9,7 @@ import pytest
 
 from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.document import Document
-from poseviewer.app.state.pointer_edits import update
+from poseviewer.app.state.edits import update
 from poseviewer.app.state.pose_edits import make_start, nudge
 from poseviewer.app.state.results import Landscape, LossReading
 from poseviewer.app.state.searches import SearchRequest
