@@ -14,7 +14,6 @@ import viser
 from poseviewer.app.page.page import Page
 from poseviewer.app.page.reports import newest_drags
 from poseviewer.app.reviewing import Reviewer
-from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.edits import (
     AskNumbers,
@@ -23,6 +22,7 @@ from poseviewer.app.state.edits import (
     SavePose,
     ShowHelp,
     cancel_drag,
+    set_fields,
     update,
 )
 from poseviewer.app.state.hiding import forget_strokes

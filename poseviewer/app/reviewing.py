@@ -5,10 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.document import Document
-from poseviewer.app.state.document_edits import open_document
-from poseviewer.app.state.edits import Edit, ReviewRow
+from poseviewer.app.state.edits import Edit, ReviewRow, open_document, set_fields
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import picture_of, scene_to_save
 from poseviewer.app.workers.opening import open_files, with_notes

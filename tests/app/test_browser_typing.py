@@ -12,7 +12,7 @@ import pytest
 from playwright.sync_api import Browser, Locator
 
 from poseviewer.app.state.document import Document
-from poseviewer.app.state.document_edits import open_document
+from poseviewer.app.state.edits import open_document
 from poseviewer.app.state.frame_edits import edit_frames
 from poseviewer.app.state.objects import add_object
 from poseviewer.app.state.session import Session

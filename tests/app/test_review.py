@@ -11,8 +11,7 @@ import pytest
 
 from poseviewer.app.page.rows import row_text, rows_list
 from poseviewer.app.reviewing import Reviewer
-from poseviewer.app.state.document_edits import undo
-from poseviewer.app.state.edits import Edit, update
+from poseviewer.app.state.edits import Edit, undo, update
 from poseviewer.app.state.hiding import Stroke, paint
 from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.session import Session

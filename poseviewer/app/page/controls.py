@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 
 from poseviewer.app.below_viser.incoming import take_upload
 from poseviewer.app.below_viser.inputs import call_in_loop, confirm_value
-from poseviewer.app.state.display_edits import set_fields
-from poseviewer.app.state.edits import ShowHelp
+from poseviewer.app.state.edits import ShowHelp, set_fields
 from poseviewer.app.state.keys_and_buttons import ACTIONS
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import Export

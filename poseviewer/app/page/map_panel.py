@@ -21,9 +21,10 @@ from poseviewer.app.page.controls import Controls, data_url, memoize, on_press, 
 from poseviewer.app.page.handles import model_html
 from poseviewer.app.page.measure_panel import add_relative, measurement_html
 from poseviewer.app.page.result import result_html
-from poseviewer.app.state.display_edits import set_fields
+from poseviewer.app.state.edits import set_fields
 from poseviewer.app.state.results import Landscape
 from poseviewer.app.state.session import MappedLoss, Session
+from poseviewer.app.workers.maps import covariance_about, path_about
 from poseviewer.confidence.pose_covariance import ellipse
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.slices import Pair, Slice, end_on_maps
@@ -273,7 +274,7 @@ def grid_of(session: Session, latest: Landscape) -> LossGrid:
     """The maps of a loss with the pose, and the search where it searches in the maps' chart."""
     problem, document = latest.problem, session.document
     pose = np.array(latest.parameters)
-    covariance, trail = latest.covariance_in(session), latest.path_in(session)
+    covariance, trail = covariance_about(latest, session), path_about(latest, session)
     search = session.own_progress
     is_followed = trail is not None and search is not None and session.is_searching
     candidates = search.progress.candidates if is_followed and search else None

@@ -5,8 +5,8 @@ from html import escape
 
 from poseviewer.app.page.controls import Controls, memoize
 from poseviewer.app.page.result import with_deviation
-from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.document import label_of
+from poseviewer.app.state.edits import set_fields
 from poseviewer.app.state.session import Session
 from poseviewer.errors import SettingsError
 from poseviewer.geometry.camera import Parallel

@@ -11,7 +11,6 @@ import msgspec
 import numpy as np
 
 from poseviewer.app.state import objects as o
-from poseviewer.app.state.display_edits import enlarge_map
 from poseviewer.app.state.edits import (
     Edit,
     Px,
@@ -19,6 +18,7 @@ from poseviewer.app.state.edits import (
     SavePose,
     ShowHelp,
     cancel_drag,
+    enlarge_map,
     release,
 )
 from poseviewer.app.state.frame_edits import edit_frames, go_to_frame, step_frame
@@ -27,7 +27,7 @@ from poseviewer.app.state.keys_and_buttons import KEYS
 from poseviewer.app.state.marking import mark_model, turn_model
 from poseviewer.app.state.pointer_edits import double_press, drag_to, press
 from poseviewer.app.state.pose_edits import nudge, pick_in_landscape
-from poseviewer.app.state.proposal_edits import take_start
+from poseviewer.app.state.search_edits import take_start
 from poseviewer.app.workers.tasks import Request, grow
 from poseviewer.files.state.uploads import why_not_sent, why_unfit
 

@@ -9,9 +9,8 @@ from itertools import count
 from pathlib import Path
 from typing import Literal, TypeVar
 
-from poseviewer.app.state.display_edits import report_error
 from poseviewer.app.state.document import Document, is_alone
-from poseviewer.app.state.edits import Edit
+from poseviewer.app.state.edits import Edit, report_error
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import pose_file_view, scene_to_save, stem_of
 from poseviewer.app.workers.worker import Worker

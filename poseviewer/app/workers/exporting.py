@@ -15,7 +15,7 @@ from poseviewer import api
 from poseviewer.app.state.document import Document, is_shown, label_of
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import renderer_of
-from poseviewer.app.workers.maps import is_fine
+from poseviewer.app.workers.maps import is_fine, maps_about
 from poseviewer.errors import SettingsError
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
@@ -59,7 +59,7 @@ def scene_to_save(session: Session) -> Scene:
     document, losses = session.document, session.results.losses
     if document.object.result is not None:
         return document.scene
-    mean = losses.mean if losses and losses.request.at_pose == session.at_pose else None
+    mean = losses.mean if losses and losses.at_pose == session.at_pose else None
     chart, focal_note = document.chart, document.photo.focal_note(document.pose.camera)
     result = SearchResult(
         loss=mean and mean.loss,
@@ -143,8 +143,8 @@ def export(
         raise SettingsError("the maps are still coarse; save them once they are fine, at rest")
     endings = {"default": f"landscape.{kind}", "paper": f"landscape.paper.{kind}"}
     return {
-        f"{stem}.{endings[update.problem.settings.loss]}": update.maps_in(session).as_bytes(kind)
-        for update in mapped
+        f"{stem}.{endings[maps.problem.settings.loss]}": maps_about(maps, session).as_bytes(kind)
+        for maps in mapped
     }
 
 

@@ -14,14 +14,19 @@ import numpy as np
 from poseviewer.app.state.document import Document, reference_view
 from poseviewer.app.state.dragging import move_to
 from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.proposal_edits import list_starts, stop_proposing, take_fitted_start
-from poseviewer.app.state.results import Preparation
-from poseviewer.app.state.search_edits import preparation_advanced, search_advanced, search_failed
-from poseviewer.app.state.searches import (
+from poseviewer.app.state.results import (
     LossComparison,
+    Preparation,
     ProposedStarts,
     SearchRequest,
-    start_query,
+)
+from poseviewer.app.state.search_edits import (
+    list_starts,
+    preparation_advanced,
+    search_advanced,
+    search_failed,
+    stop_proposing,
+    take_fitted_start,
 )
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.worker import Worker, lower_priority
@@ -42,8 +47,9 @@ from poseviewer.render.overlay.contour import quick_silhouette
 from poseviewer.render.pool import processors
 from poseviewer.render.renderers import RendererName
 from poseviewer.scene.settings import LOSSES, FitSettings
-from poseviewer.starts.automatic import best_start
+from poseviewer.starts.automatic import StartQuery, best_start
 from poseviewer.starts.instances import propose_beside
+from poseviewer.starts.loading import StartInputs
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.software_renderer import SoftwareRenderer
@@ -187,6 +193,14 @@ def propose_and_fit(
         if document.object.is_placed and not has_no_box:
             raise  # else the page says what helps
         yield list_starts(ProposedStarts(document))
+
+
+def start_query(document: Document) -> StartQuery:
+    """Query for start poses of the active object in the large view."""
+    region = document.in_view.region
+    inputs = StartInputs(document.photo, document.mesh, document.model.keypoints, document.mask)
+    settings = replace(document.settings, region=region)
+    return StartQuery(inputs, document.pose.camera, document.marks.box or region, settings)
 
 
 def search_edits(request: SearchRequest) -> Iterator[Edit]:

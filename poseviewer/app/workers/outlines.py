@@ -8,9 +8,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.document import is_shown
-from poseviewer.app.state.edits import Edit
+from poseviewer.app.state.edits import Edit, set_fields
 from poseviewer.app.state.objects import MAX_OBJECTS
 from poseviewer.app.state.results import Outlines
 from poseviewer.app.state.session import Session

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from poseviewer.app.state.display_edits import show_results
 from poseviewer.app.state.document import Document, reference_view
 from poseviewer.app.state.dragging import rotate
-from poseviewer.app.state.edits import Edit
+from poseviewer.app.state.edits import Edit, show_results
 from poseviewer.app.state.marking import pose_beside_wheels
 from poseviewer.app.state.results import NO_LINES, LossReading, Overlay
 from poseviewer.app.state.session import Session
@@ -23,6 +22,7 @@ from poseviewer.fit.lighting import render_relit
 from poseviewer.fit.loss import LossScale, Unexplained, mean_over
 from poseviewer.fit.problem import ViewResidual, make_problem
 from poseviewer.fit.visibility import DepthImage, depth_image
+from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mesh import Mesh
@@ -89,9 +89,9 @@ class LossReader:
         """Evaluate the losses, or say why there are none."""
         document, views = request.document, self.views(request)
         if not views:
-            return LossReading(request, note=self._note)
+            return LossReading(request.at_pose, note=self._note)
         mean, by_view = self._read_all(document)
-        return LossReading(request, mean, "", self._start, by_view)
+        return LossReading(request.at_pose, mean, "", self._start, by_view)
 
     def _read_all(self, document: Document) -> tuple[Unexplained, dict[int, Unexplained]]:
         """Unexplained shares at the active object's pose: mean, and by view."""
@@ -110,6 +110,10 @@ class LossReader:
         return scale.read(view.loss(moments), moments)
 
 
+def _overlay(request: Session, outline: FloatArray = NO_LINES, **drawing: Any) -> Overlay:
+    return Overlay(request.document, request.drawn, outline, **drawing)
+
+
 class OverlayDrawer:
     """Draws overlays in one thread, with cached renderers."""
 
@@ -122,8 +126,8 @@ class OverlayDrawer:
         """Draw the quick outline, or a picture."""
         document, style = request.document, request.display.style
         if style == "outline":
-            return Overlay(request, quick_silhouette(document.mesh, self._quick, document.pose))
-        return Overlay(request, NO_LINES) if style == "none" else self._picture(request)
+            return _overlay(request, quick_silhouette(document.mesh, self._quick, document.pose))
+        return _overlay(request) if style == "none" else self._picture(request)
 
     def _picture(self, request: Session) -> Overlay:
         document, display = request.document, request.display
@@ -137,7 +141,7 @@ class OverlayDrawer:
             views = self._reader.views(request)
             compared = next((view.photo for view in views if view.view_index == view_index), None)
             if compared is None:
-                return Overlay(request, NO_LINES)
+                return _overlay(request)
             relight = partial(render_relit, compared, self._reader.renderer, document.pose)
         view = ModelInPhoto(pixels, document.mesh, self._fine, pose, relight, display.opacity)
         picture = draw_style(display.style, view)
@@ -145,7 +149,7 @@ class OverlayDrawer:
         if others:
             occluded = _depth_of(others, factor) < depth_image(PlacedModel(document.mesh, pose))
             picture = np.where(occluded[..., None], pixels, picture)
-        return Overlay(request, NO_LINES, picture=picture)
+        return _overlay(request, picture=picture)
 
 
 @lru_cache(maxsize=1)
@@ -161,8 +165,8 @@ def draw_fine_lines(request: Session, renderer: SoftwareRenderer) -> Overlay:
     scale = line_scale(pose.camera.width, pose.camera.height)
     lines = find_lines(mesh, renderer, pose, scale)
     if lines is None:
-        return Overlay(request, NO_LINES)
-    return Overlay(request, silhouette(lines.covered, lines.window), lines.edge_segments())
+        return _overlay(request)
+    return _overlay(request, silhouette(lines.covered, lines.window), edges=lines.edge_segments())
 
 
 def drawing(notify: Callable[[], None]) -> Worker[Session, Edit]:
@@ -172,7 +176,7 @@ def drawing(notify: Callable[[], None]) -> Worker[Session, Edit]:
     def make(request: Session) -> Iterator[Edit]:
         mesh, pose = request.document.mesh, request.document.pose
         if request.preparation is not None:
-            overlay = Overlay(request, quick_silhouette(mesh, _cached_sketch(mesh), pose))
+            overlay = _overlay(request, quick_silhouette(mesh, _cached_sketch(mesh), pose))
         else:
             overlay = drawer(mesh).draw(request)
         yield show_results(request.document, overlay=overlay)
@@ -193,17 +197,23 @@ def refining(notify: Callable[[], None]) -> Worker[Session, Edit]:
 
     def request_of(session: Session) -> Session | None:
         overlay = session.results.overlay
-        if overlay is None or session.is_moving or overlay.request.drawn != session.drawn:
+        if overlay is None or session.is_moving or overlay.drawn != session.drawn:
             return None
         is_wanted = session.preparation is None and session.display.style == "outline"
-        return overlay.request if is_wanted else None
+        return session.request if is_wanted else None
 
     def make(request: Session) -> Iterator[Edit]:
         job.require_current(request, SETTLED_S)
         overlay = draw_fine_lines(request, renderer(request.document.mesh))
         yield show_results(request.document, overlay=overlay)
 
-    job = Worker("fine overlay", request_of, make, notify)
+    job = Worker(
+        "fine overlay",
+        request_of,
+        make,
+        notify,
+        serves=lambda begun, request, _: begun.drawn == request.drawn,
+    )
     return job
 
 

@@ -8,8 +8,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.app.state.document_edits import open_document
-from poseviewer.app.state.edits import AskNumbers, Edit, ReviewRow, SavePose, ShowHelp
+from poseviewer.app.state.edits import (
+    AskNumbers,
+    Edit,
+    ReviewRow,
+    SavePose,
+    ShowHelp,
+    open_document,
+)
 from poseviewer.app.state.hiding import Stroke, mask_pixels
 from poseviewer.app.state.marking import lay_wheels
 from poseviewer.app.state.objects import add_object

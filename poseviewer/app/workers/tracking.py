@@ -6,7 +6,7 @@ from functools import lru_cache
 
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.frame_edits import frame_read, propagation_advanced
-from poseviewer.app.state.searches import PropagationRequest
+from poseviewer.app.state.results import PropagationRequest
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.app.workers.worker import Worker

@@ -6,7 +6,7 @@ import pytest
 
 from poseviewer.app.page.controls import plain
 from poseviewer.app.page.texts import notes_text
-from poseviewer.app.state.document_edits import open_document
+from poseviewer.app.state.edits import open_document
 from poseviewer.app.state.search_edits import revert_search
 from poseviewer.app.workers.opening import open_files
 from poseviewer.app.workers.tasks import upload

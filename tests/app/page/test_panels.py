@@ -12,7 +12,7 @@ from poseviewer.app.page.controls import Controls
 from poseviewer.app.page.handles import handles_of, path_of
 from poseviewer.app.page.panels import STEPS, curve_of
 from poseviewer.app.page.texts import ends_table
-from poseviewer.app.state.searches import LossComparison, SearchRequest
+from poseviewer.app.state.results import LossComparison, SearchRequest
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import search_edits
 from poseviewer.app.workers.opening import open_files

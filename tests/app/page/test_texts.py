@@ -64,7 +64,7 @@ def test_no_name_is_markup_to_the_page(name: str):
     assert html.unescape(shown) == name
     assert plain("demo_photo.jpg (1): 2 & 3") == "demo_photo.jpg (1): 2 &amp; 3"
     session = make_session()
-    losses = LossReading(session, note=f"{name}: no loss")
+    losses = LossReading(session.at_pose, note=f"{name}: no loss")
     document = session.document.with_marks(note=name)
     session = replace(session, results=Results(losses=losses), document=document, tool="pairs")
     assert shown in search_text(session)
@@ -116,7 +116,7 @@ def test_the_share_that_is_hidden_is_said():
 def test_what_is_said_of_a_pose_that_moves_is_said_to_be_coarse():
     session = make_session()
     scale = LossScale(3, 3, True)
-    losses = LossReading(session, Unexplained(scale, scale.worst))
+    losses = LossReading(session.at_pose, Unexplained(scale, scale.worst))
     rests = replace(session, results=Results(losses=losses))
     assert search_text(rests) == "**unexplained 1.000** at this pose"
     for moved in (held(rests), after(rests, c.nudge("move", 1.0))):
@@ -135,7 +135,7 @@ def test_a_pose_has_one_value_and_a_search_by_other_pixels_is_said():
         hidden = (pixels,) if "without" in words else (None,)
         result = SearchResult(loss=0.1, unexplained=unexplained, hidden=hidden)
         found = replace(session, document=session.document.with_object(result=result))
-        found = replace(found, results=Results(losses=LossReading(found, mean)))
+        found = replace(found, results=Results(losses=LossReading(found.at_pose, mean)))
         first, *more = search_text(found).splitlines()
         assert first.rstrip() == "**unexplained 1.000** at this pose"
         assert len(more) == bool(words)

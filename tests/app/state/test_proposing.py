@@ -24,9 +24,10 @@ from poseviewer.app.page.texts import (
 from poseviewer.app.state.document import Document, verdict_of
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.objects import add_object, pick_object
-from poseviewer.app.state.searches import ProposedStarts, start_query
+from poseviewer.app.state.results import ProposedStarts
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import propose_and_fit as made
+from poseviewer.app.workers.jobs import start_query
 from poseviewer.app.workers.opening import open_files
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.files.demo import demo_case

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.results import Landscape, Preparation
-from poseviewer.app.state.searches import LossComparison
+from poseviewer.app.state.results import Landscape, LossComparison, Preparation
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import run_search, search_edits
 from poseviewer.app.workers.maps import refine_maps

@@ -10,8 +10,7 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 
-from poseviewer.app.state.display_edits import set_fields
-from poseviewer.app.state.document_edits import undo
+from poseviewer.app.state.edits import set_fields, undo
 from poseviewer.app.state.objects import (
     add_object,
     alter_object,

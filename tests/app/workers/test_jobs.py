@@ -7,12 +7,10 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.document import Document
-from poseviewer.app.state.edits import update
+from poseviewer.app.state.edits import set_fields, update
 from poseviewer.app.state.pose_edits import make_start, nudge
-from poseviewer.app.state.results import Landscape, LossReading
-from poseviewer.app.state.searches import SearchRequest
+from poseviewer.app.state.results import Landscape, LossReading, SearchRequest
 from poseviewer.app.state.session import Display, Session
 from poseviewer.app.workers.jobs import renderer_of, run_search
 from poseviewer.app.workers.maps import MapMaker, refine_maps, serves
