@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import reduce
 from inspect import signature
 from operator import or_
-from typing import Annotated, Literal, get_type_hints
+from typing import Annotated, Literal, TypeVar, get_type_hints
 
 import msgspec
 import numpy as np
@@ -46,6 +46,7 @@ class Theme:
     """Size of text, in times of the usual one."""
 
 
+T = TypeVar("T")
 Meaning = Request | Theme | str | None
 """Meaning of a report: a request, or a sentence for the page that it comes from."""
 
@@ -131,7 +132,7 @@ def meaning_of(report: object, client: int = 0) -> Meaning:
     return ShowHelp(client) if isinstance(meaning, ShowHelp) else meaning
 
 
-def newest_drags(requests: list[Request]) -> list[Request]:
+def newest_drags(requests: list[T]) -> list[T]:
     """The requests without those drags that another one follows at once."""
     is_drag = [isinstance(request, Edit) and request.calls(drag_to) for request in requests]
     pairs = zip(requests, is_drag, [*is_drag[1:], False], strict=False)

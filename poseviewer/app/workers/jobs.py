@@ -119,7 +119,7 @@ def prepare(mesh: Mesh) -> Iterator[Preparation]:
         raise SettingsError(f"{COMPILING_FAILED} ({sentence_of(error)}).") from error
 
 
-def preparing(notify: Callable[[], None]) -> Worker[Mesh, Edit]:
+def preparing() -> Worker[Mesh, Edit]:
     """Prepare the active object's model."""
 
     def request_of(session: Session) -> Mesh | None:
@@ -130,13 +130,12 @@ def preparing(notify: Callable[[], None]) -> Worker[Mesh, Edit]:
         "preparation",
         request_of,
         lambda mesh: map(preparation_advanced, prepare(mesh)),
-        notify,
         failed=lambda _, error: preparation_advanced(Preparation(trouble=str(error))),
     )
 
 
 def searching() -> Worker[SearchRequest, Edit]:
-    """Search once all is prepared; the main loop polls the progress."""
+    """Search once all is prepared."""
     return Worker(
         "search",
         lambda now: now.search if now.is_searching and not now.preparation else None,
@@ -145,7 +144,7 @@ def searching() -> Worker[SearchRequest, Edit]:
     )
 
 
-def proposing(notify: Callable[[], None], features: Path | None = None) -> Worker[Document, Edit]:
+def proposing(features: Path | None = None) -> Worker[Document, Edit]:
     """Propose start poses once all is prepared; ``features`` are as those of ``StartQuery``."""
 
     def request_of(session: Session) -> Document | None:
@@ -156,7 +155,6 @@ def proposing(notify: Callable[[], None], features: Path | None = None) -> Worke
         "proposals",
         request_of,
         lambda document: propose_and_fit(document, lambda: job.require_current(document), features),
-        notify,
         failed=lambda *_: stop_proposing(),
         low_priority=True,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
@@ -169,7 +169,7 @@ def draw_fine_lines(request: Session, renderer: SoftwareRenderer) -> Overlay:
     return _overlay(request, silhouette(lines.covered, lines.window), edges=lines.edge_segments())
 
 
-def drawing(notify: Callable[[], None]) -> Worker[Session, Edit]:
+def drawing() -> Worker[Session, Edit]:
     """Draw the model; a drawing under way is finished before the next one."""
     drawer = for_one_thread(OverlayDrawer)
 
@@ -185,13 +185,12 @@ def drawing(notify: Callable[[], None]) -> Worker[Session, Edit]:
         "overlay",
         lambda session: session.request,
         make,
-        notify,
         serves=lambda begun, request, busy: busy or begun.drawn == request.drawn,
         period_s=lambda session: SEARCH_DRAW_S if session.is_searching else 0.0,
     )
 
 
-def refining(notify: Callable[[], None]) -> Worker[Session, Edit]:
+def refining() -> Worker[Session, Edit]:
     """Draw the lines finely once the model is at rest."""
     renderer = for_one_thread(lambda renderer: renderer)
 
@@ -211,13 +210,12 @@ def refining(notify: Callable[[], None]) -> Worker[Session, Edit]:
         "fine overlay",
         request_of,
         make,
-        notify,
         serves=lambda begun, request, _: begun.drawn == request.drawn,
     )
     return job
 
 
-def picturing(notify: Callable[[], None]) -> Worker[ModelPicture, Edit]:
+def picturing() -> Worker[ModelPicture, Edit]:
     """Draw the model alone, for marking its points."""
     renderer = for_one_thread(lambda renderer: renderer)
 
@@ -243,12 +241,11 @@ def picturing(notify: Callable[[], None]) -> Worker[ModelPicture, Edit]:
         "model alone",
         request_of,
         make,
-        notify,
         serves=lambda begun, request, busy: busy or begun == request,
     )
 
 
-def reading(notify: Callable[[], None]) -> Worker[Session, Edit]:
+def reading() -> Worker[Session, Edit]:
     """Evaluate the loss of the current pose, except during a search, which reports its own."""
     reader = for_one_thread(LossReader)
 
@@ -260,6 +257,5 @@ def reading(notify: Callable[[], None]) -> Worker[Session, Edit]:
         "loss",
         lambda now: None if now.preparation or now.is_searching else now.request,
         make,
-        notify,
         serves=lambda begun, request, busy: busy or begun.at_pose == request.at_pose,
     )

@@ -78,12 +78,12 @@ Request = Edit | QueuedTask | SavePose | ShowHelp | AskNumbers | ReviewRow | Res
 class TaskQueue(Worker[tuple[QueuedTask, Session], TaskResult]):
     """Queue of tasks, and the thread that does them."""
 
-    def __init__(self, notify: Callable[[], None], state: Path) -> None:
+    def __init__(self, state: Path) -> None:
         def do(request: tuple[QueuedTask, Session]) -> Iterator[TaskResult]:
             task, session = request
             yield task.run(session, state)
 
-        super().__init__("tasks", lambda _: None, do, notify, failed=lambda *_: TaskResult())
+        super().__init__("tasks", lambda _: None, do, failed=lambda *_: TaskResult())
         self._waiting: list[QueuedTask] = []
 
     def add(self, task: QueuedTask) -> None:
@@ -103,7 +103,7 @@ class TaskQueue(Worker[tuple[QueuedTask, Session], TaskResult]):
         """Begin the next task once the result of the one before is taken."""
         cannot_draw = session.preparation is not None and not session.preparation.trouble
         task = next((task for task in self._waiting if not (task.draws and cannot_draw)), None)
-        is_free = not self.busy and self._item is None and self._error is None
+        is_free = not self.busy and not self.mailbox.has_news(self)
         if task is not None and is_free:
             self._waiting.remove(task)
             self.begin((task, session))

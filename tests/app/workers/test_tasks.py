@@ -31,8 +31,7 @@ PATIENCE_S = 60.0
 def test_a_task_that_is_dropped_brings_nothing(tmp_path: Path):
     begun = threading.Event()
     ended = threading.Event()
-    told = threading.Event()
-    tasks, session = TaskQueue(told.set, tmp_path), make_session()
+    tasks, session = TaskQueue(tmp_path), make_session()
 
     def slow(*_: object) -> TaskResult:
         begun.set()
@@ -51,16 +50,14 @@ def test_a_task_that_is_dropped_brings_nothing(tmp_path: Path):
     tasks.follow(session)
     results: list[TaskResult] = []
     while not results:
-        assert told.wait(PATIENCE_S)
-        told.clear()
-        results = [*tasks.take()]
+        results = tasks.mailbox.take(PATIENCE_S)
     assert [result.edits for result in results] == [(c.redo(),)]
     tasks.close()
 
 
 def test_uploads_that_wait_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("poseviewer.app.workers.tasks.MAX_UPLOAD_BYTES", 100)
-    tasks = TaskQueue(lambda: None, tmp_path)
+    tasks = TaskQueue(tmp_path)
     tasks.add(upload("photo", "large.png", bytes(150)))  # one alone is bounded before
     with pytest.raises(FileSetError, match="uploads are still being read"):
         tasks.add(upload("photo", "small.png", bytes(10)))

@@ -6,14 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.frame_edits import edit_frames, step_frame
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import OF_FRAMES, export
 from poseviewer.app.workers.opening import open_files, open_scene
 from poseviewer.app.workers.tracking import frame_reading, track_edits
-from poseviewer.app.workers.worker import Mailbox, Worker
+from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import PhotoFileError
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.formats.conversion import ConvertOptions
@@ -34,11 +33,11 @@ def keyed() -> Session:
 
 def finish(worker: Worker, session: Session, until: Callable[[Session], bool]) -> Session:
     """The session once the worker has made it so."""
-    mailbox: Mailbox[Edit] = Mailbox()
     while not until(session):
         worker.follow(session)
-        mailbox.take(0.01)
-        for edit in worker.take():
+        for edit in worker.mailbox.take(60.0):
+            if isinstance(edit, Exception):
+                raise edit
             session = after(session, edit)
     return session
 
@@ -58,7 +57,7 @@ def test_poses_are_propagated_one_after_the_other():
 
 
 def test_frames_are_read_away_from_the_main_loop():
-    worker = frame_reading(lambda: None)
+    worker = frame_reading()
     try:
         session = after(keyed(), step_frame(2))
         session = finish(worker, session, lambda now: now.wanted_frame is None)
@@ -77,7 +76,7 @@ def test_a_frame_that_is_gone_is_said_and_the_shown_one_stays():
     def read():
         raise PhotoFileError("0001.png: is gone.")
 
-    session, worker = keyed(), frame_reading(lambda: None)
+    session, worker = keyed(), frame_reading()
     scene = session.document.scene
     gone = PhotoFile(None, "0001.png", *scene.views[0].photo.pixels.shape[1::-1], read=read)
     frames = (scene.frames[0], replace(scene.frames[1], file=gone), *scene.frames[2:])
