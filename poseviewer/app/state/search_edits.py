@@ -187,13 +187,9 @@ def _with_others_searched(session: Session) -> Session:
 
 def with_progress(document: Document, progress: SearchProgress) -> Document:
     """The document at the poses and results of a search."""
-    results = progress.results
-    for index, fit in progress.progress_by_object.items():
-        document = document.at_params(fit.problem, fit.parameters, index)
-        document = document.with_object(index, result=results[index])
-    if is_in_sight(document):
-        return document
-    return document.with_view(progress.problem.views[0].view_index)
+    view_index = progress.problem.views[0].view_index
+    document = document.placed_as_in(progress.best, progress.progress_by_object, view_index)
+    return document if is_in_sight(document) else document.with_view(view_index)
 
 
 def with_search(
@@ -272,7 +268,7 @@ def take_fitted_start(
     proposals, active = session.proposals, document.active
     if proposals is None or proposals.document is not document or proposals.is_over:
         return session
-    result = progress.results[active]
+    result = progress.best.objects[active].result
     is_same = loss_inputs(session.document.scene, active) == loss_inputs(document.scene, active)
     if not (is_same and result and result.verdict and result.verdict.label == "found"):
         return session.stop_proposing()

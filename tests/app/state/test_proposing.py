@@ -294,7 +294,7 @@ def test_a_model_that_is_found_is_placed_in_one_step(edits):
 def test_a_fit_that_is_not_sure_or_not_asked_for_any_more_places_nothing(edits):
     session, (listing, fitting) = edits
     document, asked, latest, index = fitting.arguments
-    result = replace(latest.results[0], verdict=Verdict("doubtful", 0.5))
+    result = replace(latest.best.objects[0].result, verdict=Verdict("doubtful", 0.5))
     unsure = replace(latest, scene=latest.scene.with_object(0, result=result))
     listed = after(session, listing)
     left = after(listed, c.take_fitted_start(document, asked, unsure, index))
