@@ -37,8 +37,7 @@ def here(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
     def run_here(function, jobs, _):
         for job in jobs:
-            first, last = map(int, Path(job.start).stem.split("-"))
-            begun.append(f"{first},{last}")
+            begun.append("{},{}".format(*job.frames))
             yield job, function(job)
 
     monkeypatch.setattr("poseviewer.batch.run.run_in_processes", run_here)
