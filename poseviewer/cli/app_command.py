@@ -12,6 +12,7 @@ from poseviewer.cli import options as table
 from poseviewer.cli.case import SAYS, calibration_of, load_named_sequence, sort_named_files
 from poseviewer.cli.terminal import say
 from poseviewer.errors import SettingsError
+from poseviewer.losses.default_loss import DEFAULT
 
 if TYPE_CHECKING:
     from poseviewer.app.state.document import Document
@@ -129,7 +130,7 @@ def run(options: Namespace) -> int:
 
     def open_first() -> tuple[Document, None]:
         document = opening()
-        settings = document.settings.of_loss(options.loss or "default")
+        settings = document.settings.of_loss(options.loss or DEFAULT.name)
         settings = replace(settings, search=options.search or "auto")
         document = document.with_object(settings=settings).with_renderer(options.renderer or "auto")
         require_renderer(document.settings.renderer)

@@ -1,4 +1,4 @@
-"""Losses about a pose, along the motions that its search left free."""
+"""Default losses about a pose, along the motions that its search left free."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -10,7 +10,6 @@ import numpy as np
 from scipy.linalg import orth
 
 from poseviewer.fit.compared_pixels import box_near, working_factor
-from poseviewer.fit.loss import registration_loss
 from poseviewer.fit.problem import FitProblem
 from poseviewer.fit.stages import MIN_STRUCTURE_PIXELS
 from poseviewer.geometry.arrays import FloatArray
@@ -20,6 +19,7 @@ from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import hull_points, principal_axes
 from poseviewer.geometry.symmetry_group import Symmetry
 from poseviewer.geometry.transform import rotation_about
+from poseviewer.losses.default_loss import DEFAULT
 from poseviewer.optimise import nelder_mead
 from poseviewer.render.attributes import Renderer
 from poseviewer.render.pool import RendererPool
@@ -134,7 +134,7 @@ class Probe:
 
     def _loss(self, renderer: Renderer, step: FloatArray) -> float:
         try:
-            return registration_loss(renderer.moments(self.pose(step), self.level.photo))
+            return DEFAULT.of_moments(renderer.moments(self.pose(step), self.level.photo))
         except OutsideChartError:
             return np.inf
 

@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 
 from poseviewer.errors import QuickStartError, SettingsError
-from poseviewer.fit.loss import LossScale, registration_loss
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.arrays import FloatArray
@@ -26,6 +25,7 @@ from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.geometry.rectangle import Rectangle, non_maximum_suppression
+from poseviewer.losses.default_loss import DEFAULT
 from poseviewer.optimise import nelder_mead
 from poseviewer.render.attributes import PhotoAttributes, Renderer
 from poseviewer.render.pool import RendererPool
@@ -292,7 +292,7 @@ class _ViewSearch:
     def _score(self, poses: Sequence[Pose], level: Level, *chunk: int) -> list[PoseHypothesis]:
         def score(renderer: Renderer, pose: Pose) -> PoseHypothesis:
             self.watch()
-            return PoseHypothesis(pose, registration_loss(renderer.moments(pose, level.photo)))
+            return PoseHypothesis(pose, DEFAULT.of_moments(renderer.moments(pose, level.photo)))
 
         with RendererPool(level.renderer, begin=self.begin) as pool:
             return list(pool.map(score, poses, *chunk))
@@ -320,7 +320,7 @@ class _ViewSearch:
             side_px: side of the rectangle, made square, on the level.
         """
         level, mesh = self._level(side_px), self.query.inputs.mesh
-        worst = LossScale.of(level.photo).worst
+        worst = DEFAULT.scale(level.photo).worst
 
         def descend(renderer: Renderer, start: PoseHypothesis) -> PoseHypothesis:
             chart = FreeBodyChart(start.pose, mesh.centre, mesh.diameter / 2.0)
@@ -331,7 +331,7 @@ class _ViewSearch:
                     pose = chart.to_pose(parameters)
                 except OutsideChartError:
                     return worst
-                loss = registration_loss(renderer.moments(pose, level.photo))
+                loss = DEFAULT.of_moments(renderer.moments(pose, level.photo))
                 return loss + RECTANGLE_WEIGHT * self._rectangle_error(pose)
 
             states = nelder_mead.minimise(
@@ -446,7 +446,7 @@ def best_start(
         renderer: renderer of the model.
         watch: called in each evaluation; it may raise to stop.
     """
-    settings = replace(query.settings, loss="default", search="auto", lock=(), limits=TRIAL)
+    settings = replace(query.settings, loss=DEFAULT.name, search="auto", lock=(), limits=TRIAL)
     if query.rectangle is None:  # losses compare over the same pixels
         boxes = [outline_box(hypothesis.pose, query.points) for hypothesis in hypotheses]
         query = replace(query, rectangle=reduce(Rectangle.union, boxes))
@@ -457,7 +457,7 @@ def best_start(
                 pose = progress.pose
                 watch()
         poses.append(pose)
-    losses = [registration_loss(renderer.moments(pose, photo)) for pose in poses]
+    losses = [DEFAULT.of_moments(renderer.moments(pose, photo)) for pose in poses]
     best = int(np.argmin(losses))
     rating = f"probability {hypotheses[best].percent}, loss {losses[best]:.2f}"
     note = f"start found: proposal {best + 1} of {len(losses)}, {rating}"

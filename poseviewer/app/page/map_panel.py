@@ -30,7 +30,7 @@ from poseviewer.errors import PoseViewerError
 from poseviewer.fit.slices import Pair, Slice, end_on_maps
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.charts import OutsideChartError, short_name, tooltip
-from poseviewer.scene.settings import LOSSES
+from poseviewer.losses.known_losses import LOSSES
 
 LEVELS = 128
 """Steps of colour: more cannot be told apart, and make every picture larger."""
@@ -227,10 +227,6 @@ def _points(piece: Slice, parameters: FloatArray) -> str:
     return " ".join(f"{x:.4g},{y:.4g}" for x, y in _on_picture(piece, parameters))
 
 
-MAPPED: dict[MappedLoss, str] = {"chosen": "selected loss", **LOSSES, "both": "both"}
-"""Text of each choice of whose loss the maps show."""
-
-
 def add_maps(controls: Controls) -> None:
     """The panel: the pose in numbers, the maps, or why there are none, and what they show."""
     gui = controls.gui
@@ -248,9 +244,11 @@ def add_maps(controls: Controls) -> None:
     controls.add(maps, content=memoize(maps_key, lambda s: maps_html(s, maps.content)))
     waiting = "Drawing the maps ..."
     controls.text(lambda s: plain(s.results.maps_note) or ("" if maps.content else waiting))
+    labels = {name: loss.label for name, loss in LOSSES.items()}
+    choices: dict[MappedLoss, str] = {"chosen": "selected loss", **labels, "all": "all"}
     mapped = attrgetter("display.mapped_loss")
     controls.dropdown(
-        "Loss of", MAPPED, lambda loss: set_fields("display", mapped_loss=loss), mapped
+        "Loss of", choices, lambda loss: set_fields("display", mapped_loss=loss), mapped
     )
     controls.field(
         gui.add_slider("Range ± %", 1.0, 50.0, 1.0, 20.0),

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.app.state.document import Document
-from poseviewer.fit.loss import Unexplained
 from poseviewer.fit.problem import FitProblem
 from poseviewer.fit.progress import SearchProgress
 from poseviewer.fit.slices import Slice
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
+from poseviewer.losses.loss import Unexplained
 from poseviewer.scene.settings import FitSettings
 from poseviewer.starts.automatic import PoseHypothesis
 

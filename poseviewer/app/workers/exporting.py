@@ -28,6 +28,7 @@ from poseviewer.files.masks import pose_contents
 from poseviewer.files.scene_json import as_saved, pose_json
 from poseviewer.files.state.uploads import safe_path
 from poseviewer.files.writing import json_bytes
+from poseviewer.losses.default_loss import DEFAULT
 from poseviewer.render.overlay.styles import SOLID_OPACITY, Picture
 from poseviewer.scene.sequence import as_still
 from poseviewer.scene.settings import settings_as_json
@@ -141,10 +142,11 @@ def export(
         raise SettingsError("there are no maps yet; wait for the first ones")
     if not all(map(is_fine, mapped)):
         raise SettingsError("the maps are still coarse; save them once they are fine, at rest")
-    endings = {"default": f"landscape.{kind}", "paper": f"landscape.paper.{kind}"}
+    names = (update.problem.settings.loss for update in mapped)
+    whose = ("" if name == DEFAULT.name else f".{name}" for name in names)
     return {
-        f"{stem}.{endings[maps.problem.settings.loss]}": maps_about(maps, session).as_bytes(kind)
-        for maps in mapped
+        f"{stem}.landscape{of}.{kind}": maps_about(maps, session).as_bytes(kind)
+        for of, maps in zip(whose, mapped, strict=True)
     }
 
 

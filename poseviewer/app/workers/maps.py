@@ -24,9 +24,10 @@ from poseviewer.fit.stages import make_stages
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.losses.loss import LossName
 from poseviewer.render.attributes import Renderer
 from poseviewer.render.pool import RendererPool, processors
-from poseviewer.scene.settings import FitSettings, LossName
+from poseviewer.scene.settings import FitSettings
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.software_renderer import SoftwareRenderer

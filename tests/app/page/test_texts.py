@@ -34,7 +34,8 @@ from poseviewer.app.state.results import LossReading, Results
 from poseviewer.app.workers.exporting import scene_to_save
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.files.scene_json import as_saved, pose_json
-from poseviewer.fit.loss import LossScale, Unexplained
+from poseviewer.losses.default_loss import UnexplainedScale
+from poseviewer.losses.loss import Unexplained
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import SearchResult
 from tests.app.state import edits as c
@@ -115,7 +116,7 @@ def test_the_share_that_is_hidden_is_said():
 
 def test_what_is_said_of_a_pose_that_moves_is_said_to_be_coarse():
     session = make_session()
-    scale = LossScale(3, 3, True)
+    scale = UnexplainedScale(100.0, 3, 3)
     losses = LossReading(session.at_pose, Unexplained(scale, scale.worst))
     rests = replace(session, results=Results(losses=losses))
     assert search_text(rests) == "**unexplained 1.000** at this pose"
@@ -127,7 +128,7 @@ def test_what_is_said_of_a_pose_that_moves_is_said_to_be_coarse():
 def test_a_pose_has_one_value_and_a_search_by_other_pixels_is_said():
     """What is compared about the pose is not what the search compared about its start."""
     session = make_session()
-    scale = LossScale(3, 3, True)
+    scale = UnexplainedScale(100.0, 3, 3)
     mean = Unexplained(scale, scale.worst)
     pixels = np.ones((120, 160), bool)
     results = {"": 1.0, "start": 0.5, "without what": 0.25}

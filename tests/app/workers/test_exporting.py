@@ -158,8 +158,8 @@ def test_maps_are_saved_once_they_are_fine_by_both_losses_on_one_grid(scene):
     document = open_files(scene.photo, scene.model, scene.start)
     locked = ("rotation_x", "rotation_y", "rotation_z", "log_depth")
     document = document.with_object(settings=FitSettings("default", lock=locked))
-    session = after(Session(document), set_fields("display", mapped_loss="both"))
-    session = replace(session, other_settings=FitSettings("paper", lock=locked))
+    session = after(Session(document), set_fields("display", mapped_loss="all"))
+    session = session.keeping(FitSettings("paper", lock=locked))
     coarse, *_, fine = MapMaker(renderer_of(document.mesh).clone()).run(session)
     for what in ("sheet", "maps-npz"):
         with pytest.raises(PoseViewerError, match="still coarse"):
