@@ -31,7 +31,6 @@ from poseviewer.figures.map_archive import LossMaps
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.masks import save_pose_and_masks
 from poseviewer.files.photo import save_image
-from poseviewer.files.photo_sets import LoadedViews, SetChoice
 from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene_json import as_saved, pose_json, save_scene
 from poseviewer.fit.lighting import render_relit
@@ -48,6 +47,8 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.opening.photo_sets import LoadedViews, SetChoice
+from poseviewer.opening.scenes import open_photo_scene, open_scene_files, open_views
 from poseviewer.render.attributes import AttributeImage, Renderer
 from poseviewer.render.overlay import LOOKS
 from poseviewer.render.overlay.styles import SOLID_OPACITY, ModelInPhoto, Picture, draw_style
@@ -60,8 +61,8 @@ from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import Scene, SceneObject
 from poseviewer.starts.automatic import AUTOMATIC
 from poseviewer.starts.instances import AutoStart
-from poseviewer.starts.loading import FindStart, open_photo_scene, open_scene_files, open_views
-from poseviewer.starts.loading import StartCamera as StartCamera
+from poseviewer.starts.start import FindStart
+from poseviewer.starts.start import StartCamera as StartCamera
 
 
 def load(

@@ -31,9 +31,9 @@ from poseviewer.files.photo import save_image
 from poseviewer.files.scene_json import as_saved, load_scene, save_scene, scene_contents
 from poseviewer.files.writing import make_folder, require_replaceable, write_whole
 from poseviewer.fit.propagation import FrameStep, find_chains
+from poseviewer.opening.scenes import open_scene_files
 from poseviewer.scene.sequence import remove_propagated, require_keys, show_frame
 from poseviewer.scene.types import Scene
-from poseviewer.starts.loading import open_scene_files
 
 CHAINS = "chains"
 """Subfolder of the scene files that the rows start from."""

@@ -27,8 +27,8 @@ from poseviewer.batch.result_folder import (
 from poseviewer.batch.run_row import run_row
 from poseviewer.cluster import run_on_cluster
 from poseviewer.errors import BatchError
-from poseviewer.files.file_set import is_scene_file
 from poseviewer.files.writing import make_folder, require_replaceable
+from poseviewer.opening.sources import is_scene_file
 from poseviewer.processes import run_in_processes
 from poseviewer.render.pool import processors
 from poseviewer.scene.settings import FitSettings

@@ -15,7 +15,7 @@ from poseviewer.errors import SettingsError
 
 if TYPE_CHECKING:
     from poseviewer.app.state.document import Document
-    from poseviewer.files.file_set import FileSet
+    from poseviewer.opening.sources import FileSet
 
 OPTIONS = {
     "": (
@@ -54,9 +54,9 @@ def _files_of(options: Namespace) -> tuple[FileSet, list[Path]]:
     if options.views or not (path and (path.is_dir() or path.suffix.lower() == ".zip")):
         files = sort_named_files(options)
         return files, [model.path for model in files.models]
-    from poseviewer.files.file_set import files_below, sort_set
     from poseviewer.files.state.folder import state_folder
-    from poseviewer.files.state.uploads import gather, keep_zip
+    from poseviewer.opening.sources import files_below, sort_set
+    from poseviewer.opening.uploads import gather, keep_zip
 
     uploads = state_folder() / "uploads"
     files = sort_set(files_below(path if path.is_dir() else keep_zip(uploads, path)))
@@ -104,7 +104,7 @@ def _opening(options: Namespace) -> Callable[[], Document]:
     def open_first() -> Document:
         from poseviewer.app.workers.opening import open_files, open_scene, open_set
         from poseviewer.files.demo import demo_case
-        from poseviewer.files.photo_sets import SetChoice
+        from poseviewer.opening.photo_sets import SetChoice
 
         without, pose = options.without or (), files.pose
         if files.scene is not None:

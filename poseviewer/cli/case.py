@@ -15,10 +15,10 @@ from poseviewer.scene.settings import FitSettings, Limits
 if TYPE_CHECKING:  # help texts come before all that
     from poseviewer.api import Registration
     from poseviewer.files.cameras import Calibration
-    from poseviewer.files.file_set import FileSet
     from poseviewer.files.image_sequence import ImageSequence
+    from poseviewer.opening.sources import FileSet
     from poseviewer.starts.instances import AutoStart
-    from poseviewer.starts.loading import FindStart
+    from poseviewer.starts.start import FindStart
 
 SAYS = "with {}, which says it itself; leave it out"
 """Reason for refusing an option whose value the named file has."""
@@ -57,7 +57,7 @@ def calibration_of(options: Namespace) -> Calibration | None:
 
 def sort_named_files(options: Namespace) -> FileSet:
     """Sort the files that the options name, and refuse those that exclude each other."""
-    from poseviewer.files.file_set import FileSet, ModelFiles, is_scene_file
+    from poseviewer.opening.sources import FileSet, ModelFiles, is_scene_file
 
     photo = options.photo
     model = options.model

@@ -111,9 +111,9 @@ def _convert_sequence(
 
 def _request(options: Namespace) -> ConvertOptions:
     """Make the options of the conversion, without the object; refuse missing files."""
-    from poseviewer.files.file_set import is_scene_file
     from poseviewer.files.formats.conversion import require_file
     from poseviewer.files.photo import load_photo
+    from poseviewer.opening.sources import is_scene_file
 
     if options.source_format == _NAMES[0] and is_scene_file(options.source):
         options.source_format = SCENE

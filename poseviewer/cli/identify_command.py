@@ -34,7 +34,7 @@ EXAMPLES = (
 def run(options: Namespace) -> int:
     """Print which model explains the photo best."""
     from poseviewer.fit.identification import identify
-    from poseviewer.starts.loading import open_photo_scene
+    from poseviewer.opening.scenes import open_photo_scene
 
     settings = make_settings(options)
     opened = [

@@ -81,7 +81,7 @@ def _open(options: Namespace) -> Scene:
     """Open the sequence, with its keys."""
     from poseviewer.files.image_sequence import images_in
     from poseviewer.files.scene_assets import check_frames
-    from poseviewer.starts.loading import open_scene_files, open_sequence
+    from poseviewer.opening.scenes import open_scene_files, open_sequence
 
     path = options.photo
     if options.model is None:

@@ -31,6 +31,7 @@ from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.image import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
+from poseviewer.opening.scenes import open_photo_scene
 from poseviewer.render.attributes import PhotoAttributes, Renderer
 from poseviewer.render.opengl import opengl_renderer_name
 from poseviewer.render.pool import ITEMS_PER_CHUNK, RendererPool, processors
@@ -39,7 +40,6 @@ from poseviewer.render.renderers import RendererName, make_renderer
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.scene.settings import LOSSES, FitSettings, Limits, LossName
 from poseviewer.scene.types import Scene
-from poseviewer.starts.loading import open_photo_scene
 
 PACKAGES = ("poseviewer", "numpy", "numba", "scipy", "pyrender")
 """Packages whose versions are told."""

@@ -26,7 +26,7 @@ from poseviewer.geometry.rectangle import Rectangle, non_maximum_suppression
 from poseviewer.render.attributes import Moments
 from poseviewer.render.renderers import make_renderer
 from poseviewer.scene.settings import FitSettings
-from poseviewer.starts.loading import Start, StartCamera, StartInputs
+from poseviewer.starts.start import Start, StartCamera, StartInputs
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 from poseviewer.vehicle.wheel_pose import Ellipse, WheelFit, Wheels, poses_from_wheels
 

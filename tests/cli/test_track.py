@@ -22,9 +22,9 @@ from poseviewer.files.scene_json import load_scene, save_scene
 from poseviewer.files.writing import sha256_of
 from poseviewer.fit.problem import make_problem
 from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.opening.scenes import open_scene_files
 from poseviewer.scene.sequence import show_frame
 from poseviewer.scene.types import PlacedModel, Scene
-from poseviewer.starts.loading import open_scene_files
 from tests.commands import read_rows, refusal, run
 from tests.ctrl_c import ctrl_c_ends_them
 from tests.moving import ball, box, off, sequence, write_sequence

@@ -15,14 +15,14 @@ from poseviewer.errors import PoseViewerError
 from poseviewer.files.masks import mask_as_png
 from poseviewer.files.scene_assets import view_of_file
 from poseviewer.files.scene_json import as_saved, form_of, load_scene, save_scene
-from poseviewer.files.state.uploads import copy_out
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.symmetry_group import Symmetry, SymmetryAxis
 from poseviewer.geometry.transform import RigidTransform, Similarity
+from poseviewer.opening.scenes import open_scene_files
+from poseviewer.opening.uploads import copy_out
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import ChartParameters, InView, Scene, SceneObject, SearchResult
-from poseviewer.starts.loading import open_scene_files
 from tests.schemas import json_schema, load_valid
 from tests.several import CAMERA, IDS, MESHES, make_three
 from tests.writing import edit

@@ -8,8 +8,8 @@ from poseviewer.errors import SettingsError
 from poseviewer.fit.identification import identify, settings_for_all
 from poseviewer.fit.problem import make_problem
 from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.opening.scenes import open_photo_scene
 from poseviewer.scene.settings import FitSettings, Limits
-from poseviewer.starts.loading import open_photo_scene
 from tests.commands import run
 
 BRIEFLY = FitSettings(limits=Limits(evaluations=150))

@@ -10,8 +10,8 @@ from poseviewer.app.state.document import with_camera
 from poseviewer.confidence.verdict import FOUND_FROM
 from poseviewer.files.scene_assets import load_model
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.opening.scenes import open_photo_scene
 from poseviewer.scene.types import Scene
-from poseviewer.starts.loading import open_photo_scene
 from tests.meshes import make_box, make_printed, make_sphere, merged
 from tests.scene import make_scene_of
 

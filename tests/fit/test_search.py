@@ -13,10 +13,10 @@ from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.search import Search, is_accepted, is_focal_moved, is_restarted
 from poseviewer.fit.stages import fit_pose, make_stages
 from poseviewer.fit.visibility import Occlusion
+from poseviewer.opening.scenes import open_photo_scene
 from poseviewer.render.renderers import make_renderer
 from poseviewer.scene.settings import Limits
 from poseviewer.scene.types import Scene
-from poseviewer.starts.loading import open_photo_scene
 
 FOUND, UNSURE = Verdict("found", SURE_FROM), Verdict("found", SURE_FROM - 0.01)
 LOST = Verdict("lost", 0.1)

@@ -12,12 +12,12 @@ from poseviewer.fit.problem import FitProblem, make_problem, pose_loss
 from poseviewer.fit.search import Search
 from poseviewer.fit.slices import landscape
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.opening.scenes import open_views
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.scene.assets import ModelFile, PhotoFile
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import InView, Scene
-from poseviewer.starts.loading import open_views
 from tests.opened import locked
 from tests.view_sets import CAMERA, DISTANCE, MESH, START, TRUTH, focal_length, make_views
 

@@ -27,9 +27,9 @@ from poseviewer.app.state.keys_and_buttons import ACTIONS
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import Export
 from poseviewer.app.workers.tasks import Request, download, upload
-from poseviewer.files.file_set import Kind
-from poseviewer.files.state.uploads import ACCEPTED
 from poseviewer.geometry.lens import LensModel
+from poseviewer.opening.sources import Kind
+from poseviewer.opening.uploads import ACCEPTED
 
 Post = Callable[[Request], int]
 """Posts a request; gives its number, which counts up."""

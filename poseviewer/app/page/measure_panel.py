@@ -10,7 +10,7 @@ from poseviewer.app.state.document import label_of
 from poseviewer.app.state.session import Session
 from poseviewer.errors import SettingsError
 from poseviewer.geometry.camera import Parallel
-from poseviewer.starts.measuring import (
+from poseviewer.scene.measuring import (
     MeasuredPoint,
     measure_distance,
     measure_point,

@@ -55,7 +55,7 @@ from poseviewer.geometry.camera import Parallel
 from poseviewer.geometry.charts import short_name, tooltip
 from poseviewer.geometry.lens import COEFFICIENTS
 from poseviewer.scene.settings import LOSSES, SEARCHES
-from poseviewer.starts.placing import SIDES
+from poseviewer.starts.sides import SIDES
 
 UNIT_HINT = "Saved with the pose; formats that have a unit of their own need it"
 MAX_PARAMETERS = 10

@@ -15,10 +15,10 @@ from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.placing import surface_point, with_point_at
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.overlay.contour import is_within_outline
-from poseviewer.starts.placing import surface_point, with_point_at
 from poseviewer.vehicle.chart import MIN_AXLE_COMPONENT, VehicleChart
 
 POINT_REACH_PX = 14.0

@@ -10,7 +10,7 @@ from poseviewer.errors import SettingsError
 from poseviewer.files.formats.conversion import METRES, ConvertOptions
 from poseviewer.scene.assets import ModelFile
 from poseviewer.scene.types import InView, SceneObject
-from poseviewer.starts.placing import look_from
+from poseviewer.starts.sides import look_from
 
 MAX_OBJECTS = 30
 """Number of objects; each is kept in memory and drawn."""

@@ -29,8 +29,8 @@ from poseviewer.app.state.session import Session, is_in_sight
 from poseviewer.errors import PoseViewerError, QuickStartError, SettingsError
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.charts import OutsideChartError
-from poseviewer.starts.measuring import measure_point
-from poseviewer.starts.placing import fit_into_rectangle, surface_point
+from poseviewer.geometry.placing import fit_into_rectangle, surface_point
+from poseviewer.scene.measuring import measure_point
 from poseviewer.vehicle.chart import VehicleChart
 
 Tool = Literal[

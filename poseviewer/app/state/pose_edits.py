@@ -17,8 +17,8 @@ from poseviewer.fit.slices import Slice
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.starts.loading import scale_by_rays
-from poseviewer.starts.placing import look_from
+from poseviewer.opening.scenes import scale_by_rays
+from poseviewer.starts.sides import look_from
 
 NudgeKind = Literal["move", "turn", "roll", "scale"]
 NUDGE_MOVE_PX = 1.0

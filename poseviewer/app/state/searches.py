@@ -7,7 +7,7 @@ from poseviewer.fit.progress import SearchProgress
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.scene.settings import FitSettings
 from poseviewer.starts.automatic import PoseHypothesis, StartQuery
-from poseviewer.starts.loading import StartInputs
+from poseviewer.starts.start import StartInputs
 
 
 @dataclass(frozen=True, slots=True, eq=False)

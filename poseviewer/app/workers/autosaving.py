@@ -26,7 +26,7 @@ from poseviewer.files.state.autosave import (
     discard,
     find_abandoned,
 )
-from poseviewer.files.state.uploads import copy_out
+from poseviewer.opening.uploads import copy_out
 from poseviewer.scene.assets import ModelFile, PhotoFile
 
 PERIOD_S = 0.5

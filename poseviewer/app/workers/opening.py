@@ -10,10 +10,8 @@ from poseviewer.app.state.pose_edits import move_to
 from poseviewer.errors import PoseFileError, QuickStartError
 from poseviewer.files.cameras import Calibration, load_calibration
 from poseviewer.files.demo import PLACES
-from poseviewer.files.file_set import FileSet
 from poseviewer.files.image_sequence import ImageSequence, load_sequence
 from poseviewer.files.photo import load_calibrated_photo, load_photo, orientation_of
-from poseviewer.files.photo_sets import LoadedViews, SetChoice, load_views
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_assets import load_model
 from poseviewer.files.scene_json import load_scene
@@ -21,13 +19,16 @@ from poseviewer.files.state.autosave import AutosavedSession
 from poseviewer.geometry.camera import Camera, Parallel, Pose
 from poseviewer.geometry.lens import LensModel, same_undistortion
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.opening import scenes
+from poseviewer.opening.photo_sets import LoadedViews, SetChoice, load_views
+from poseviewer.opening.scenes import known_scale, notes_of
+from poseviewer.opening.sources import FileSet
 from poseviewer.scene.assets import ModelFile, PhotoFile
 from poseviewer.scene.sequence import as_still
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import InView, Scene, View
-from poseviewer.starts import loading
-from poseviewer.starts.loading import Start, StartInputs, known_scale, notes_of
-from poseviewer.starts.placing import look_from
+from poseviewer.starts.sides import look_from
+from poseviewer.starts.start import Start, StartInputs
 
 
 def open_files(
@@ -53,9 +54,9 @@ def open_files(
     parts, start = FitSettings(without=tuple(without)), pose or _corner_start
     of_photo = parts, calibration, mask
     if isinstance(photo, ImageSequence):
-        scene = loading.open_sequence(photo, model, start, 1, *of_photo)
+        scene = scenes.open_sequence(photo, model, start, 1, *of_photo)
     else:
-        scene = loading.open_photo_scene(photo, model, start, *of_photo)
+        scene = scenes.open_photo_scene(photo, model, start, *of_photo)
     return with_models(_make_document(scene, pose), objects)
 
 
@@ -81,7 +82,7 @@ def open_set(
     if start is None:
         view, start = views.views[0].name, _corner_view(loaded, views.views[0].camera)
     parts = FitSettings(without=tuple(without))
-    scene = loading.open_views(views, loaded, start, parts, view, choice.scale)
+    scene = scenes.open_views(views, loaded, start, parts, view, choice.scale)
     return _make_document(scene, pose)
 
 
@@ -169,7 +170,7 @@ def open_scene(path: Path, without: Sequence[str] = (), inside: Path | None = No
     """Open a scene file; parts ``without`` are named ``ID:PART``, ``inside`` bounds its files."""
     settings = FitSettings(without=tuple(without)) if without else None
     return Document.of(
-        replace(loading.open_scene_files(load_scene(path, inside), settings), name=path.name)
+        replace(scenes.open_scene_files(load_scene(path, inside), settings), name=path.name)
     )
 
 
@@ -252,13 +253,13 @@ def open_pose(now: Document, path: Path) -> Document:
     if len(now.scene.views) > 1:
         views = LoadedViews(now.scene.name, now.scene.views, now.scene.unit)
         scale = None if now.scene.free_scale else 1.0 / now.object.world_from_model.scale
-        opened = loading.open_views(views, now.model, path, parts, scale=scale)
+        opened = scenes.open_views(views, now.model, path, parts, scale=scale)
         scale = opened.objects[0].world_from_model.scale
     else:
         lens = load_pose(path).undistortion
         if lens and not same_undistortion(lens, photo.undistortion) and now.view.path is not None:
             photo = replace(load_photo(now.view.path), name=photo.name)
-        opened = loading.open_photo_scene(photo, now.model, path, parts)
+        opened = scenes.open_photo_scene(photo, now.model, path, parts)
     document, names = now, [view.name for view in now.scene.views]
     for view in opened.views:
         document = document.with_view(names.index(view.name))
@@ -308,7 +309,7 @@ def open_autosaved(autosave: AutosavedSession) -> Document:
                 raise
             notes.append(str(error))
     objects = tuple(item for item in scene.objects if item.model.location.is_file())
-    scene = loading.open_scene_files(replace(scene, objects=objects))
+    scene = scenes.open_scene_files(replace(scene, objects=objects))
     views = tuple(
         replace(view, file=PhotoFile.of(replace(view.photo, name=name), view.path))
         for view, name in zip(scene.views, names, strict=True)

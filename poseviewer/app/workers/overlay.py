@@ -26,13 +26,13 @@ from poseviewer.fit.visibility import DepthImage, depth_image
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.placing import fit_into_rectangle
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.overlay import LOOKS
 from poseviewer.render.overlay.contour import Sketch, quick_silhouette, silhouette
 from poseviewer.render.overlay.edges import find_lines
 from poseviewer.render.overlay.styles import ModelInPhoto, Relight, draw_style, line_scale
 from poseviewer.scene.types import PlacedModel
-from poseviewer.starts.placing import fit_into_rectangle
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.software_renderer import SoftwareRenderer

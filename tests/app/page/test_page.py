@@ -10,7 +10,7 @@ from poseviewer.app.state.document_edits import open_document
 from poseviewer.app.state.search_edits import revert_search
 from poseviewer.app.workers.opening import open_files
 from poseviewer.app.workers.tasks import upload
-from poseviewer.files.state.uploads import pack
+from poseviewer.opening.uploads import pack
 from tests.app.below_viser.socket_page import SocketPage
 from tests.app.running_app import RunningApp, running_app
 from tests.scene import Scene

@@ -18,7 +18,7 @@ from poseviewer.geometry.transform import RigidTransform
 from poseviewer.scene.assets import ModelFile, PhotoFile
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import View, scene_at
-from poseviewer.starts.placing import look_from
+from poseviewer.starts.sides import look_from
 from poseviewer.vehicle.vehicle_keypoints import SideKeypoints, VehicleKeypoints
 from tests.meshes import make_box, make_bumpy
 

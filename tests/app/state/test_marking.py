@@ -24,7 +24,7 @@ from poseviewer.files.demo import demo_case
 from poseviewer.files.scene_assets import load_model
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.transform import RigidTransform, rotation_angle
-from poseviewer.starts.placing import look_from
+from poseviewer.starts.sides import look_from
 from poseviewer.starts.wheels import FoundWheels
 from poseviewer.vehicle.chart import visible_side
 from poseviewer.vehicle.wheel_pose import WheelFit, Wheels, ellipse_through, wheel_rims

@@ -23,13 +23,13 @@ from poseviewer.app.workers.opening import (
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import CalibrationFileError, PoseFileError
 from poseviewer.files.cameras import Calibration
-from poseviewer.files.file_set import FileSet, model_files, sort_set
 from poseviewer.files.photo import load_calibrated_photo, save_image
 from poseviewer.files.pose import save_pose
 from poseviewer.files.scene_assets import load_model
 from poseviewer.files.scene_json import as_saved, pose_json
 from poseviewer.files.state.autosave import load_autosave
 from poseviewer.geometry.lens import same_undistortion
+from poseviewer.opening.sources import FileSet, model_files, sort_set
 from poseviewer.scene.types import SearchResult
 from tests.app.state.documents import after as edited
 from tests.app.state.documents import assert_same_pose

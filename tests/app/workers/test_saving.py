@@ -16,7 +16,7 @@ from poseviewer.app.workers.opening import open_files, open_pose
 from poseviewer.errors import PoseFileError
 from poseviewer.files.keypoints import is_equal, keypoints_path
 from poseviewer.files.pose import load_pose
-from poseviewer.files.state.uploads import keep_set, pack
+from poseviewer.opening.uploads import keep_set, pack
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 from tests.app.state.documents import after, make_keypoints
 from tests.scene import Scene, make_scene

@@ -18,7 +18,7 @@ from poseviewer.app.workers.opening import open_files
 from poseviewer.app.workers.tasks import QueuedTask, TaskQueue, TaskResult, upload
 from poseviewer.errors import FileSetError
 from poseviewer.files.demo import demo_case
-from poseviewer.files.state.uploads import pack
+from poseviewer.opening.uploads import pack
 from tests.app.below_viser.socket_page import SocketPage
 from tests.app.running_app import running_app
 from tests.app.state import edits as c

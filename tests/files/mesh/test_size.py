@@ -7,7 +7,7 @@ from poseviewer.files.mesh.size import distance_notes, size_words
 from poseviewer.files.pose import load_pose, save_pose
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.starts.loading import open_photo_scene
+from poseviewer.opening.scenes import open_photo_scene
 from tests.meshes import make_bumpy
 
 BALL = make_bumpy(2)

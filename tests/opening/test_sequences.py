@@ -13,12 +13,12 @@ from poseviewer.files.masks import save_pose_and_masks
 from poseviewer.files.photo import load_photo, save_image
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_json import as_saved, load_scene, save_scene
-from poseviewer.files.state.uploads import copy_out
 from poseviewer.fit.problem import make_problem
 from poseviewer.geometry.mask import Mask
+from poseviewer.opening.scenes import open_scene_files, open_sequence
+from poseviewer.opening.uploads import copy_out
 from poseviewer.scene.sequence import show_frame
 from poseviewer.scene.settings import FitSettings
-from poseviewer.starts.loading import open_scene_files, open_sequence
 from tests.scene import Scene
 from tests.writing import write
 

@@ -7,10 +7,10 @@ import pytest
 from PIL import ExifTags, Image
 
 from poseviewer.errors import FileSetError
-from poseviewer.files.file_set import FileSet, files_below, model_files, sort_set
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.photo_sets import load_views
-from poseviewer.files.state.uploads import gather
+from poseviewer.opening.photo_sets import load_views
+from poseviewer.opening.sources import FileSet, files_below, model_files, sort_set
+from poseviewer.opening.uploads import gather
 from tests.textured import write_gltf, write_obj, write_ply
 from tests.view_sets import write_bop, write_colmap, write_frames, write_views
 from tests.writing import write
@@ -58,7 +58,7 @@ def test_of_two_pictures_of_one_name_the_nearer_is_taken(tmp_path: Path) -> None
 
 
 def test_of_very_many_pictures_of_a_model_so_many_are_looked_for_as_are_read(tmp_path, monkeypatch):
-    monkeypatch.setattr("poseviewer.files.file_set.MAX_TEXTURES", 2)
+    monkeypatch.setattr("poseviewer.opening.sources.MAX_TEXTURES", 2)
     names = [f"{number}.png" for number in range(3)]
     images = "".join(f"<image><init_from>{name}</init_from></image>" for name in names)
     path, *pictures = (write(tmp_path / name, images) for name in ("m.dae", *names))
@@ -161,7 +161,7 @@ def test_of_a_folder_systems_own_files_are_left_out_and_too_many_are_refused(tmp
     path = write(tmp_path / "a.obj", PLAIN)
     assert files_below(tmp_path) == (path,)
     write(tmp_path / "b.obj", PLAIN)
-    monkeypatch.setattr("poseviewer.files.file_set.MAX_BELOW", 1)
+    monkeypatch.setattr("poseviewer.opening.sources.MAX_BELOW", 1)
     with pytest.raises(FileSetError, match="more than 1 files; name a folder inside it"):
         files_below(tmp_path)
 

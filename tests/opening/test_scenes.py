@@ -15,9 +15,9 @@ from poseviewer.files.scene_json import as_saved, load_scene, pose_json, save_sc
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.symmetry_group import Symmetry, SymmetryAxis
+from poseviewer.opening.scenes import open_photo_scene, open_scene_files, open_views
 from poseviewer.scene.settings import FitSettings, Limits
 from poseviewer.scene.types import ChartParameters, InView, SearchResult
-from poseviewer.starts.loading import open_photo_scene, open_scene_files, open_views
 from tests.several import IDS, make_three
 from tests.view_sets import DISTANCE, NAMES, TRUTH, make_views, write_views
 from tests.writing import edit
