@@ -88,7 +88,7 @@ def test_fields_of_an_object_are_listed_in_few_places():
         "scene/types.py: SceneObject",  # the declaration
         "files/scene_json.py: _object_as_saved",  # what files have otherwise than a session
         "files/scene_json.py: scene_of_pose",  # what a pose file says
-        "opening/scenes.py: open_views",  # what a pose file says of several photos
+        "opening/scenes.py: _open_views",  # what a pose file says of several photos
         "app/state/objects.py: with_added",  # another object like the active one
     }
 

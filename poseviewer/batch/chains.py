@@ -31,7 +31,8 @@ from poseviewer.files.photo import save_image
 from poseviewer.files.scene_json import as_saved, load_scene, save_scene, scene_contents
 from poseviewer.files.writing import make_folder, require_replaceable, write_whole
 from poseviewer.fit.propagation import FrameStep, find_chains
-from poseviewer.opening.scenes import open_scene_files
+from poseviewer.opening.scenes import open_scene
+from poseviewer.opening.sources import Sources
 from poseviewer.scene.sequence import remove_propagated, require_keys, show_frame
 from poseviewer.scene.types import Scene
 
@@ -96,7 +97,7 @@ def run_chain(job: Job, plan: Batch, threads: int = 1) -> JobResult:
             saved = time.monotonic()
 
     try:
-        chain = make_registration(open_scene_files(job.path(job.start)))
+        chain = make_registration(open_scene(Sources(scene=job.path(job.start))))
         end = chain.track(watch=watch, threads=threads)
         save_scene(plan.folder / pose_name, as_saved(end.scene))
         picture = shrink_picture(end.picture())

@@ -31,7 +31,8 @@ from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.image import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.opening.scenes import open_photo_scene
+from poseviewer.opening.scenes import open_scene
+from poseviewer.opening.sources import Sources
 from poseviewer.render.attributes import PhotoAttributes, Renderer
 from poseviewer.render.opengl import opengl_renderer_name
 from poseviewer.render.pool import ITEMS_PER_CHUNK, RendererPool, processors
@@ -128,7 +129,7 @@ class Demo(NamedTuple):
 def load_demo() -> Demo:
     """Load the bundled demo and its true pose."""
     files = demo_case()
-    scene = open_photo_scene(files.photo, files.model, files.start)
+    scene = open_scene(Sources(files.photo, model=files.model, start=files.start))
     photo = scene.views[0].photo
     return Demo(scene, load_pose(files.truth, photo.width, photo.height).pose)
 

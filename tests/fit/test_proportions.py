@@ -10,7 +10,8 @@ from poseviewer.app.state.document import with_camera
 from poseviewer.confidence.verdict import FOUND_FROM
 from poseviewer.files.scene_assets import load_model
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.opening.scenes import open_photo_scene
+from poseviewer.opening.scenes import open_scene
+from poseviewer.opening.sources import Sources
 from poseviewer.scene.types import Scene
 from tests.meshes import make_box, make_printed, make_sphere, merged
 from tests.scene import make_scene_of
@@ -22,7 +23,7 @@ def stretched(scene, *factors: float) -> Scene:
     normals = model.mesh.normals / factors
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     mesh = replace(model.mesh, vertices=model.mesh.vertices * factors, normals=normals)
-    return open_photo_scene(scene.photo, model.with_content(mesh=mesh), scene.start)
+    return open_scene(Sources(scene.photo, model=model.with_content(mesh=mesh), start=scene.start))
 
 
 @pytest.mark.parametrize("axis", [0, 2])
@@ -73,7 +74,11 @@ def test_a_box_is_not_found_on_an_ellipse_of_its_size(tmp_path):
     box = replace(plain, vertices=plain.vertices * [1.0, 1.0, 6.0])
     scene = make_scene_of(disc, tmp_path)
     model = load_model(scene.model).with_content(mesh=box)
-    verdict = make_registration(open_photo_scene(scene.photo, model, scene.start)).fit().verdict
+    verdict = (
+        make_registration(open_scene(Sources(scene.photo, model=model, start=scene.start)))
+        .fit()
+        .verdict
+    )
     assert verdict is not None
     assert verdict.label != "found"
 
@@ -85,7 +90,9 @@ def test_a_plate_that_lacks_a_corner_is_not_found_on_a_whole_one(tmp_path):
     scene, words = make_scene_of(whole, tmp_path), []
     model = load_model(scene.model)
     for mesh in (whole, corner):
-        opened = open_photo_scene(scene.photo, model.with_content(mesh=mesh), scene.start)
+        opened = open_scene(
+            Sources(scene.photo, model=model.with_content(mesh=mesh), start=scene.start)
+        )
         verdict = make_registration(opened).fit().verdict
         assert verdict is not None
         assert verdict.probability >= FOUND_FROM

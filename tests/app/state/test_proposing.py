@@ -27,7 +27,6 @@ from poseviewer.app.state.objects import add_object, pick_object
 from poseviewer.app.state.searches import ProposedStarts, start_query
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import propose_and_fit as made
-from poseviewer.app.workers.opening import open_files
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.files.demo import demo_case
 from poseviewer.files.photo import load_photo
@@ -46,6 +45,7 @@ from tests.app.state.documents import (
     make_document,
     make_photo,
     make_session,
+    open_files,
 )
 from tests.starts.backbone import save_random_backbone
 
