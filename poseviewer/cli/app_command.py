@@ -73,12 +73,18 @@ def _named_files(options: Namespace) -> Sources:
 def _sources(options: Namespace) -> Sources:
     """Return the files named, or the demo's; an error is raised before the page opens."""
     from poseviewer.files.scene_json import load_scene
+    from poseviewer.opening.photo_sets import SetChoice
 
     calibration, files = calibration_of(options), _named_files(options)
     shown = files.photo or files.views or files.frames
     if files.scene is None and not ((files.model or files.models) and shown):
         what = "model" if shown else "photo"
         raise SettingsError(f"{options.photo}: no {what} was found; name PHOTO and MODEL")
+    more = {"calibration": calibration or files.calibration, "mask": options.mask}
+    if files.views is not None:
+        more["choice"] = table.make(SetChoice, options)
+    else:
+        table.refuse(options, table.OF_VIEWS, "without a set of photos; leave it out")
     if files.scene is not None or files.views is not None:
         what = "a scene" if files.scene is not None else "a set of photos"
         table.refuse(options, (table.MASK, table.CALIBRATION), SAYS.format(what))
@@ -95,7 +101,6 @@ def _sources(options: Namespace) -> Sources:
         files = replace(files, frames=load_named_sequence(options, files.frames))
     if isinstance(files.scene, Path):
         load_scene(files.scene)
-    more = {"calibration": calibration or files.calibration, "mask": options.mask}
     if options.without:
         more["settings"] = FitSettings(without=tuple(options.without))
     return replace(files, **more)

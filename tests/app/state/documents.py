@@ -124,5 +124,5 @@ def open_files(
 ) -> Document:
     """A photo, or frames, with a model and perhaps its start, as the app opens them."""
     files = Sources(model=model, start=start, calibration=calibration)
-    is_photo = isinstance(photo, Path)
-    return open_sources(replace(files, photo=photo) if is_photo else replace(files, frames=photo))
+    is_sequence = isinstance(photo, ImageSequence)
+    return open_sources(replace(files, **{"frames" if is_sequence else "photo": photo}))

@@ -142,7 +142,7 @@ def test_numbers_are_guessed_apart_for_two_models_and_alike_for_one_twice(scene,
 
 
 def test_a_unit_that_is_said_on_the_page_is_in_what_is_saved(scene, tmp_path):
-    photo = shutil.copy(scene.photo, tmp_path)
+    photo = Path(shutil.copy(scene.photo, tmp_path))
     session = after(Session(open_files(photo, scene.model, scene.start)), set_unit("cm"))
     assert session.is_unsaved
     (pose, *_) = Autosaver(tmp_path).save(session)
