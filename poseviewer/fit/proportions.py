@@ -12,11 +12,10 @@ from scipy.linalg import block_diag
 
 from poseviewer.fit.probing import Probe
 from poseviewer.fit.problem import FitProblem
-from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.normals import face_normals_and_areas
-from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.attributes import Renderer
 
 STRETCHES = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, -2.0]]) / np.sqrt([[2.0], [6.0]])
@@ -37,6 +36,19 @@ GIVEN_EVALUATIONS = 30
 """Length of the descent of the model with a given stretch."""
 
 
+@dataclass(frozen=True, slots=True)
+class StretchedPose(Pose):
+    """A pose of the model stretched along its axes about its origin, to be drawn by renderers."""
+
+    stretches: FloatArray
+    """(3,): factors along the model's x, y and z."""
+
+    @property
+    def linear(self) -> FloatArray:
+        """(3, 3): the stretch, then the rotation."""
+        return freeze_array(self.camera_from_model.rotation * self.stretches, (3, 3))
+
+
 class StretchProbe(Probe):
     """A probe whose steps may have three more numbers: logarithms of stretches of the model."""
 
@@ -46,16 +58,15 @@ class StretchProbe(Probe):
         """(3,): the point of the model that a stretch leaves where it is."""
 
     def pose(self, step: FloatArray) -> Pose:
-        """The pose at a step; its "rotation" stretches the model as well."""
+        """Return the pose at a step."""
         size = len(self.motions)
         pose = super().pose(step[:size])
         if len(step) == size:
             return pose
         place, fixed = pose.camera_from_model, self.fixed_point
-        linear = place.rotation * np.exp(step[size:])
-        return replace(
-            pose, camera_from_model=RigidTransform(linear, place.apply(fixed) - linear @ fixed)
-        )
+        stretched = StretchedPose(pose.camera, place, np.exp(step[size:]))
+        translation = place.apply(fixed) - stretched.linear @ fixed
+        return replace(stretched, camera_from_model=replace(place, translation=translation))
 
 
 @dataclass(frozen=True, slots=True)
