@@ -97,7 +97,10 @@ def load_named_sequence(options: Namespace, frames: Sequence[Path]) -> ImageSequ
 
 def load_named(options: Namespace) -> Registration:
     """Load the files that the options name, and choose the object."""
-    from poseviewer.api import AutoStart, SetChoice, StartCamera, load
+    from poseviewer.api import load
+    from poseviewer.files.photo_sets import SetChoice
+    from poseviewer.starts.instances import AutoStart
+    from poseviewer.starts.loading import StartCamera
 
     settings = make_settings(options)
     files = sort_named_files(options)

@@ -9,10 +9,9 @@ import numpy as np
 
 from poseviewer.errors import CalibrationFileError, PoseFileError, SettingsError, list_names
 from poseviewer.files.cameras import Calibration
-from poseviewer.files.formats.conversion import METRES
 from poseviewer.files.image_sequence import ImageSequence, load_sequence
 from poseviewer.files.masks import load_mask, masks_beside
-from poseviewer.files.mesh.size import distance_notes
+from poseviewer.files.mesh.size import METRES, distance_notes
 from poseviewer.files.photo import load_calibrated_photo, undistort_photo
 from poseviewer.files.photo_sets import LoadedViews, SetChoice, load_views, with_names
 from poseviewer.files.pose import PoseRecord, check_against, load_pose

@@ -48,7 +48,7 @@ from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import CONVERTED, OF_FRAMES, WITH_NUMBERS
 from poseviewer.app.workers.tasks import Request, download, find_wheels_in_region
 from poseviewer.files.camera_trees import TREES
-from poseviewer.files.formats.conversion import METRES
+from poseviewer.files.mesh.size import METRES
 from poseviewer.fit.progress import SearchProgress
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel

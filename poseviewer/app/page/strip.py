@@ -12,9 +12,9 @@ from poseviewer.app.page.controls import jpeg_url, on_press, percent
 from poseviewer.app.page.handles import path_of
 from poseviewer.app.page.time_line import time_line
 from poseviewer.app.state.session import Session
-from poseviewer.files.photo import Photo
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import size_at_scale
+from poseviewer.geometry.image import Photo
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.overlay.styles import LINE_COLOUR
 from poseviewer.scene.types import SceneObject

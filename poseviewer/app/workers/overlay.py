@@ -19,8 +19,9 @@ from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import for_one_thread
 from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import PoseViewerError
+from poseviewer.fit.compared_pixels import ViewResidual
 from poseviewer.fit.lighting import render_relit
-from poseviewer.fit.problem import ViewResidual, make_problem
+from poseviewer.fit.problem import make_problem
 from poseviewer.fit.visibility import DepthImage, depth_image
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import Photo
