@@ -138,7 +138,7 @@ def run(options: Namespace) -> int:
 
     features: Path | None = options.features
     if features is not None:
-        from poseviewer.starts.patch_features import PatchEncoder
+        from poseviewer.starts.dino_features import PatchEncoder
 
         PatchEncoder.load(features)  # an error is printed before the page opens
     serve_app(open_first, tell=say, features=features, **table.values(options, table.SERVER))

@@ -32,9 +32,9 @@ from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import Level, make_level
 from poseviewer.render.renderers import make_renderer
 from poseviewer.scene.settings import FitSettings, Limits
+from poseviewer.starts.dino_features import PatchEncoder
 from poseviewer.starts.learned import compare_with_photo, propose_rectangles
 from poseviewer.starts.loading import Start, StartInputs
-from poseviewer.starts.patch_features import PatchEncoder
 from poseviewer.starts.texture_features import SURE_INLIERS, poses_from_features
 from poseviewer.starts.views import ViewPoses, ground_views, poses_filling, sample_rotations
 from poseviewer.starts.wheels import likely_wheels

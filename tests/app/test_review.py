@@ -17,15 +17,15 @@ from poseviewer.app.state.hiding import Stroke, paint
 from poseviewer.app.state.pointer_edits import update
 from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.jobs import prepare
 from poseviewer.app.workers.opening import open_autosaved
+from poseviewer.app.workers.saving import Autosaver
 from poseviewer.app.workers.tasks import QueuedTask
 from poseviewer.batch.run import open_batch
 from poseviewer.errors import BatchError
 from poseviewer.files.masks import masks_beside
 from poseviewer.files.pose import load_pose
-from poseviewer.files.state.autosave import load_autosave
+from poseviewer.files.state.session_file import load_autosave
 from poseviewer.fit.progress import Status
 from poseviewer.scene.settings import FitSettings, Limits
 from tests.batches import fit_all, write_table

@@ -45,7 +45,7 @@ from poseviewer.files.photo_sets import SetChoice, load_views
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_json import load_scene
 from poseviewer.files.state import uploads
-from poseviewer.files.state.autosave import load_autosave
+from poseviewer.files.state.session_file import load_autosave
 from poseviewer.files.symmetry import load_symmetry
 from poseviewer.scene.settings import FitSettings
 from tests.app.state.documents import BUMPY, CAR, make_session

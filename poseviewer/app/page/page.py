@@ -31,7 +31,7 @@ from poseviewer.app.workers.tasks import Restore, TaskResult, download
 from poseviewer.files.file_set import MAX_FILES
 from poseviewer.files.formats.bop import likely_numbers
 from poseviewer.files.formats.conversion import ConvertOptions
-from poseviewer.files.state.autosave import AutosavedSession
+from poseviewer.files.state.session_file import AutosavedSession
 from poseviewer.files.state.uploads import MAX_UPLOAD_BYTES
 
 PANEL_PX = 300

@@ -17,7 +17,7 @@ from poseviewer.files.photo_sets import LoadedViews, SetChoice, load_views
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_assets import load_model
 from poseviewer.files.scene_json import load_scene
-from poseviewer.files.state.autosave import AutosavedSession
+from poseviewer.files.state.session_file import AutosavedSession
 from poseviewer.geometry.camera import Camera, Parallel, Pose
 from poseviewer.geometry.lens import LensModel, same_undistortion
 from poseviewer.geometry.transform import RigidTransform

@@ -22,7 +22,7 @@ from poseviewer.errors import FileSetError, QuickStartError
 from poseviewer.files.file_set import Kind, files_below, sort_set
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.scene_assets import load_model
-from poseviewer.files.state.autosave import AutosavedSession
+from poseviewer.files.state.session_file import AutosavedSession
 from poseviewer.files.state.uploads import MAX_UPLOAD_BYTES, display_name, gather, keep_set
 from poseviewer.geometry.camera import size_at_scale
 from poseviewer.geometry.image import Photo

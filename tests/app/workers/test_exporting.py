@@ -21,11 +21,11 @@ from poseviewer.app.state.objects import (
 )
 from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import CONVERTED, RELATIVE, export
 from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.app.workers.maps import SIZE, MapMaker
 from poseviewer.app.workers.opening import open_files, open_scene
+from poseviewer.app.workers.saving import Autosaver
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.formats.bop import likely_numbers
 from poseviewer.files.formats.conversion import ConvertOptions
