@@ -34,7 +34,6 @@ from poseviewer.files.photo import save_image
 from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene_json import as_saved, pose_json, save_scene
 from poseviewer.fit.lighting import render_relit
-from poseviewer.fit.loss import Unexplained
 from poseviewer.fit.problem import FitProblem, make_problem, pose_loss, pose_to_params
 from poseviewer.fit.progress import FitProgress, SearchProgress, Status
 from poseviewer.fit.propagation import FrameStep, propagate
@@ -47,6 +46,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.losses.loss import Unexplained
 from poseviewer.opening.photo_sets import LoadedViews, SetChoice
 from poseviewer.opening.scenes import open_scene
 from poseviewer.opening.sources import name_sources

@@ -33,7 +33,7 @@ from poseviewer.processes import run_in_processes
 from poseviewer.render.pool import processors
 from poseviewer.scene.settings import FitSettings
 from poseviewer.starts.automatic import AUTOMATIC
-from poseviewer.starts.patch_features import PatchEncoder
+from poseviewer.starts.dino_features import PatchEncoder
 
 DIED = "each process that fitted it died; is there memory enough for the photo and the model?"
 """Reason of a row whose processes ended without a result."""

@@ -11,6 +11,7 @@ from poseviewer.cli import options as table
 from poseviewer.cli.case import SAYS, calibration_of, load_named_sequence, name_files
 from poseviewer.cli.terminal import say
 from poseviewer.errors import SettingsError
+from poseviewer.losses.default_loss import DEFAULT
 from poseviewer.scene.settings import FitSettings
 
 if TYPE_CHECKING:
@@ -115,7 +116,7 @@ def run(options: Namespace) -> int:
 
     def open_first() -> tuple[Document, None]:
         document = open_sources(sources)
-        settings = document.settings.of_loss(options.loss or "default")
+        settings = document.settings.of_loss(options.loss or DEFAULT.name)
         settings = replace(settings, search=options.search or "auto")
         document = document.with_object(settings=settings).with_renderer(options.renderer or "auto")
         require_renderer(document.settings.renderer)
@@ -123,7 +124,7 @@ def run(options: Namespace) -> int:
 
     features: Path | None = options.features
     if features is not None:
-        from poseviewer.starts.patch_features import PatchEncoder
+        from poseviewer.starts.dino_features import PatchEncoder
 
         PatchEncoder.load(features)  # an error is printed before the page opens
     serve_app(open_first, tell=say, features=features, **table.values(options, table.SERVER))

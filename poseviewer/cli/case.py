@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 from poseviewer.cli import options as table
 from poseviewer.cli.terminal import progress_bar, tell, tell_of_compiling
 from poseviewer.errors import SettingsError
+from poseviewer.losses.default_loss import DEFAULT
+from poseviewer.losses.known_losses import LOSSES
 from poseviewer.scene.settings import FitSettings, Limits
 
 if TYPE_CHECKING:  # help texts come before all that
@@ -25,18 +27,21 @@ SAYS = "with {}, which says it itself; leave it out"
 """Reason for refusing an option whose value the named file has."""
 
 
-def refuse_with_paper(options: Namespace) -> None:
-    """Refuse settings that do not go with the paper's loss."""
-    if getattr(options, "loss", None) == "paper":
-        if options.pixels == "near":
-            raise SettingsError("--loss paper with --pixels near; it has clip and whole alone")
-        compares_grey = "with --loss paper, which compares grey; leave one of them out"
+def refuse_beside_loss(options: Namespace) -> None:
+    """Refuse settings that do not go with the loss."""
+    loss = LOSSES[getattr(options, "loss", None) or DEFAULT.name]
+    pixels = getattr(options, "pixels", None) or loss.pixels[0]
+    if pixels not in loss.pixels:
+        has = f"it has {' and '.join(loss.pixels)} alone"
+        raise SettingsError(f"--loss {loss.name} with --pixels {pixels}; {has}")
+    if loss.is_grey:
+        compares_grey = f"with --loss {loss.name}, which compares grey; leave one of them out"
         table.refuse(options, (table.REFLECTANCE,), compares_grey)
 
 
 def make_settings(options: Namespace) -> FitSettings:
     """Make the settings of a fit."""
-    refuse_with_paper(options)
+    refuse_beside_loss(options)
     return table.make(
         FitSettings,
         options,
@@ -96,8 +101,10 @@ def load_named_sequence(
 
 def load_named(options: Namespace) -> Registration:
     """Load the files that the options name, and choose the object."""
-    from poseviewer.api import AutoStart, StartCamera, make_registration
+    from poseviewer.api import make_registration
     from poseviewer.opening.scenes import open_scene
+    from poseviewer.starts.instances import AutoStart
+    from poseviewer.starts.start import StartCamera
 
     settings = make_settings(options)
     files = name_files(options)

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING
 from poseviewer.cli import options as table
 from poseviewer.cli.terminal import say
 from poseviewer.errors import PoseFileError
-from poseviewer.files.formats.conversion import METRES, ConvertOptions
+from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.formats.sequence_export import SEQUENCE_FORMATS
+from poseviewer.files.mesh.size import METRES
 from poseviewer.scene.sequence import as_still
 
 if TYPE_CHECKING:

@@ -7,13 +7,14 @@ name, by which ``make`` finds its value.
 
 import re
 from argparse import ArgumentTypeError, Namespace, _ActionsContainer
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from poseviewer.errors import SettingsError
 from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.losses.known_losses import LOSSES
 from poseviewer.render.overlay import LOOKS
 from poseviewer.scene.settings import CHOICES, Limits
 
@@ -103,7 +104,7 @@ Options = Mapping[str, Group]
 def option(
     usage: str,
     text: str,
-    choices: Iterable[str] | None = None,
+    choices: Collection[str] | None = None,
     *,
     is_output: bool = False,
     **more: Any,
@@ -121,7 +122,7 @@ def option(
     flag, _, shown = usage.partition(" ")
     choices = choices or CHOICES.get(flag[2:].replace("-", "_"))
     if choices is not None:
-        more["choices"] = tuple(choices)
+        more["choices"] = choices  # losses may still be added
     elif shown:
         more = {"type": READERS.get(shown, Path), **more}
     else:
@@ -148,7 +149,8 @@ FILES = (PHOTO, MODEL, QUIET)
 LOOK = option(
     "--look", "draw the model so (default: %(default)s)", list(LOOKS), default=next(iter(LOOKS))
 )
-LOSS = option("--loss", "minimise the default loss, or the paper's of grey (default: default)")
+HINTS = " ".join(loss.hint for loss in LOSSES.values())
+LOSS = option("--loss", f"minimise this loss. {HINTS} (default: default)")
 SEARCH = option("--search", "minimise by simplex or by CMA-ES and models (default: auto, by loss)")
 METHOD = option("--method", "set --loss (default: default)", CHOICES["loss"], dest="loss")
 METHODS = ((LOSS, METHOD), SEARCH)

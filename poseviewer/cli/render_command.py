@@ -27,8 +27,9 @@ def run(options: Namespace) -> int:
     """Write the pictures, all or none."""
     from dataclasses import replace
 
-    from poseviewer.figures.object_maps import INFO, pictures_of_objects, save_pictures
+    from poseviewer.figures.object_maps import pictures_of_objects, save_pictures
     from poseviewer.files.checks import InputFile
+    from poseviewer.files.formats.bop import INFO
     from poseviewer.files.formats.conversion import ConvertOptions, require_file
     from poseviewer.files.mesh.size import distance_notes
     from poseviewer.files.pose import load_pose

@@ -7,10 +7,11 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from poseviewer.cli import options as table
-from poseviewer.cli.case import refuse_with_paper
+from poseviewer.cli.case import refuse_beside_loss
 from poseviewer.cli.terminal import ignore, progress_bar, say, tell
 from poseviewer.errors import EXIT_INTERRUPTED, SettingsError
 from poseviewer.evaluation.plan import KINDS, READINGS, Plan
+from poseviewer.losses.paper_loss import PAPER
 from poseviewer.scene.settings import Limits
 
 PLAN = Plan(out=Path())
@@ -84,7 +85,7 @@ EXAMPLES = (
 
 def run(options: Namespace) -> int:
     """Print the table."""
-    options.loss = options.loss or ("paper" if options.paper else None)
+    options.loss = options.loss or (PAPER.name if options.paper else None)
     _refuse_mixed_studies(options)
     from poseviewer.evaluation.study import open_study, write_report
     from poseviewer.render.pool import processors
@@ -105,7 +106,7 @@ def run(options: Namespace) -> int:
 
 def _refuse_mixed_studies(options: Namespace) -> None:
     """Refuse options that do not go together."""
-    refuse_with_paper(options)
+    refuse_beside_loss(options)
     if options.real and options.bop:
         raise SettingsError("--real and --bop are two studies; leave one of them out")
     if options.size and min(options.size) < MIN_SIDE_PX:

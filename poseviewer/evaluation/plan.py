@@ -4,14 +4,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, get_args
 
-from poseviewer.scene.settings import (
-    ChartName,
-    FitSettings,
-    Limits,
-    LossName,
-    PixelsName,
-    SearchName,
-)
+from poseviewer.losses.loss import LossName, PixelsName, SearchName
+from poseviewer.losses.paper_loss import PAPER
+from poseviewer.scene.settings import ChartName, FitSettings, Limits
 
 Kind = Literal["plain", "background", "photo-parallel", "photo-perspective"]
 KINDS: dict[Kind, str] = {
@@ -74,7 +69,7 @@ class Plan:
         """
         chart: ChartName = "vehicle" if kind else "free-body"
         pixels: tuple[PixelsName, ...] = (self.pixels or "near",)
-        if self.loss == "paper" and not self.pixels and kind in DRAWN:
+        if self.loss == PAPER.name and not self.pixels and kind in DRAWN:
             pixels = ("whole",) if kind == "plain" else ("whole", "clip")
         own = {"chart": chart, "limits": self.limits}
         return [FitSettings(self.loss, self.search, pixels=p, **own) for p in pixels]

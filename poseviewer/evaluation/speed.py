@@ -22,7 +22,6 @@ from poseviewer.errors import RendererUnavailableError
 from poseviewer.figures.text_table import Table
 from poseviewer.files.demo import demo_case
 from poseviewer.files.pose import load_pose
-from poseviewer.fit.loss import lighting_loss
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.slices import landscape
 from poseviewer.fit.stages import fit_pose, make_stages
@@ -31,6 +30,9 @@ from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.image import GREY_WEIGHTS
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
+from poseviewer.losses.known_losses import LOSSES
+from poseviewer.losses.loss import LossName
+from poseviewer.losses.paper_loss import lighting_loss
 from poseviewer.opening.scenes import open_scene
 from poseviewer.opening.sources import Sources
 from poseviewer.render.attributes import PhotoAttributes, Renderer
@@ -39,7 +41,7 @@ from poseviewer.render.pool import ITEMS_PER_CHUNK, RendererPool, processors
 from poseviewer.render.pyramid.simplified import simplify
 from poseviewer.render.renderers import RendererName, make_renderer
 from poseviewer.render.software.software_renderer import SoftwareRenderer
-from poseviewer.scene.settings import LOSSES, FitSettings, Limits, LossName
+from poseviewer.scene.settings import FitSettings, Limits
 from poseviewer.scene.types import Scene
 
 PACKAGES = ("poseviewer", "numpy", "numba", "scipy", "pyrender")
@@ -224,7 +226,7 @@ def time_fit(demo: Demo, loss: LossName, limit_s: float) -> Timing:
     settings = FitSettings(loss, limits=Limits(seconds=limit_s))
     problem, _ = make_problem(scene.with_object(0, settings=settings))
     renderer = SoftwareRenderer(scene.objects[0].mesh)
-    threads = 1 if loss == "paper" else processors()
+    threads = 1 if settings.searched_by == "simplex" else processors()
     make_stages(problem, renderer)  # simplifies the model, which is then kept
     *_, end = fit_pose(problem, renderer, threads)
     error = pose_error(scene.objects[0].mesh, end.pose, demo.truth).percent

@@ -23,11 +23,12 @@ import numpy as np
 from poseviewer.errors import SettingsError
 from poseviewer.files.photo import photo_text
 from poseviewer.files.writing import write_whole
-from poseviewer.fit.loss import LossScale
 from poseviewer.fit.problem import FitProblem
 from poseviewer.fit.slices import Slice
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.image import Photo
+from poseviewer.losses.default_loss import DEFAULT
+from poseviewer.losses.loss import LossScale
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,7 +72,7 @@ class LossMaps:
         slices = tuple(slices)
         settings = problem.settings
         chart = problem.chart
-        whose = "loss" if settings.loss == "default" else f"loss of {settings.loss_name}"
+        whose = "loss" if settings.loss == DEFAULT.name else f"loss of {settings.loss_name}"
         title = f"{photo.label}: {whose} about the pose, ±{100.0 * half_width:.0f} %"
         error = max((piece.error or 0.0 for piece in slices), default=0.0)
         title += f", good to {100.0 * error:.1f} % of each map's range" if error else ""

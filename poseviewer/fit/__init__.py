@@ -1,1 +1,1 @@
-"""Loss, search, verdict and maps of the loss, without disk, threads or windows."""
+"""Search, verdict and maps of the loss, without disk, threads or windows."""

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.errors import SettingsError
-from poseviewer.fit.loss import Loss, min_pixels, registration_loss, whole_photo_loss
 from poseviewer.fit.visibility import Occlusion
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import Chart
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mesh import Mesh, hull_in_photo
 from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.losses.loss import Loss, LossScale, min_pixels
 from poseviewer.render.attributes import PhotoAttributes
 from poseviewer.render.pyramid.levels import downsample, with_structure
 from poseviewer.scene.settings import FitSettings
@@ -41,8 +41,8 @@ class ViewResidual:
     photo: PhotoAttributes
     chart: Chart
     """The pose in this view, by the problem's parameters."""
-    loss: Loss = registration_loss
-    """Function that is minimised, from the moments of a pose on ``photo``."""
+    loss: Loss
+    """Loss that is minimised, of the moments of a pose on ``photo``."""
     fine_photo: PhotoAttributes | None = None
     """Finer pyramid level, without structure, on which a search is refined, if any."""
     view_index: int = 0
@@ -54,6 +54,11 @@ class ViewResidual:
     occluded: NDArray[np.bool_] | None = None
     """(height, width): pixels of ``photo`` left out because the search found something in front of
     the model there; None: it found nothing."""
+
+    @property
+    def scale(self) -> LossScale:
+        """Scale of the losses on ``photo``."""
+        return self.loss.scale(self.photo)
 
     def without(self, occluded: NDArray[np.bool_] | None) -> ViewResidual:
         """Leave ``occluded`` pixels out on both levels; None leaves the view as it is."""
@@ -117,18 +122,18 @@ def make_view_term(
     """
     own = scene.views[view_index].photo
     weights = _weights(scene, object_index, view_index, settings, occlusion)
-    is_clipped = settings.pixels == "clip"
+    loss = settings.minimised
     coloured = not settings.grey and _has_colour(own, weights)
     photo = plain = PhotoAttributes(
         own.as_float() if coloured else own.grey()[..., None],  # unnamed: it takes gigabytes
         weights,
-        is_clipped,
+        settings.pixels == "clip",
         settings.colour_reflectance,
     )
     counted = np.count_nonzero(weights)
     mesh, pose = scene.objects[object_index].mesh, scene.pose(object_index, view_index)
     factor, finest = (working_factor(mesh, pose, most) for most in (WORKING_PIXELS, FINE_PIXELS))
-    if counted and not is_clipped and settings.loss == "default":
+    if counted and loss.has_structure:
         photo = with_structure(plain, factor, is_steep=factor == finest)
     needed = min_pixels(photo.photo_channels + photo.model_channels)
     if counted < needed:
@@ -139,10 +144,8 @@ def make_view_term(
         raise SettingsError(
             f"{own.name}: {counted} pixels count, and a fit needs at least {needed}; {wanted}"
         )
-    is_refined = photo.structure is not None and (finest < factor or not is_only_view)
+    is_refined = loss.has_structure and (finest < factor or not is_only_view)
     fine = downsample(plain, finest) if is_refined else None
-    is_paper = settings.loss == "paper" and not is_clipped
-    loss = whole_photo_loss if is_paper else registration_loss
     return ViewResidual(photo, chart, loss, fine, view_index, occlusion=occlusion)
 
 

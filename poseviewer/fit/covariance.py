@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from poseviewer.confidence.pose_covariance import PoseCovariance
-from poseviewer.fit.loss import LossScale
 from poseviewer.fit.probing import Probe
 from poseviewer.geometry.arrays import FloatArray
+from poseviewer.losses.default_loss import DEFAULT
 from poseviewer.optimise import quadratic
 
 MODELS = quadratic.QuadraticOptions(0.1, 0.3, rounds=3, min_gain=-math.inf)
@@ -36,7 +36,7 @@ def find_covariance(probe: Probe, visible: float) -> PoseCovariance:
     is_free = probe.chart.free_focal or probe.chart.free_principal_point
     options = FOCAL_MODELS if is_free else MODELS
     least, inverse = inverse_curvature(probe.losses, len(probe.motions), options)
-    unexplained = LossScale.of(probe.photo).as_unexplained(least)
+    unexplained = DEFAULT.scale(probe.photo).as_unexplained(least)
     factor = SPREAD / (unexplained * visible**VISIBLE_POWER) * (FOCAL_SPREAD if is_free else 1.0)
     covariance = factor**2 * probe.motions.T @ inverse @ probe.motions
     chart = probe.chart

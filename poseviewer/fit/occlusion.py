@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.fit.loss import min_pixels
 from poseviewer.fit.outline import outline_support
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose, level_pose
+from poseviewer.losses.loss import min_pixels
 from poseviewer.render.attributes import PhotoAttributes, Renderer
 from poseviewer.render.moments import model_attributes
 

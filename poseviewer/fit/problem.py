@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from poseviewer.errors import SettingsError, SingularChartError
 from poseviewer.fit.compared_pixels import ViewResidual, make_view_term
-from poseviewer.fit.loss import LossScale
 from poseviewer.fit.visibility import Occlusion, make_occlusion
 from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
@@ -20,6 +19,8 @@ from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.symmetry_group import NO_SYMMETRY, Symmetry
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view_chart import ViewChart
+from poseviewer.losses.known_losses import LOSSES
+from poseviewer.losses.loss import Loss, LossScale
 from poseviewer.render.attributes import PhotoAttributes, Renderer
 from poseviewer.scene.settings import ChartName, FitSettings
 from poseviewer.scene.types import Scene
@@ -76,9 +77,9 @@ class FitProblem:
         return self.views[0].chart
 
     @property
-    def is_structured(self) -> bool:
-        """Whether classes and edges are compared."""
-        return self.photo.structure is not None
+    def loss(self) -> Loss:
+        """Loss that is minimised."""
+        return self.views[0].loss
 
     @property
     def has_occluders(self) -> bool:
@@ -98,12 +99,12 @@ class FitProblem:
     @property
     def worst_loss(self) -> float:
         """Loss of parameters that show nothing of the model, or give no pose."""
-        return _mean([LossScale.of(view.photo).worst for view in self.views])
+        return _mean([view.scale.worst for view in self.views])
 
     @property
     def scale(self) -> LossScale:
         """Scale of the losses."""
-        return LossScale.of(self.photo)
+        return self.views[0].scale
 
     def poses(self, parameters: FloatArray) -> tuple[Pose, ...]:
         """Return the pose in each view at ``parameters`` (d,).
@@ -135,9 +136,9 @@ def pose_loss(
             pose = view.chart.to_pose(parameters)
             moments = renderer.moments(pose, view.photo)
             is_covered = moments.pixels * view.photo.factor**2 >= view.min_pixels
-            losses.append(view.loss(moments) if is_covered else LossScale.of(view.photo).worst)
+            losses.append(view.loss.of_moments(moments) if is_covered else view.scale.worst)
         except OutsideChartError:
-            losses.append(LossScale.of(view.photo).worst)
+            losses.append(view.scale.worst)
     return _mean(losses)
 
 
@@ -217,7 +218,7 @@ def make_problem(
             )
             for index, chart in zip(view_indices, charts, strict=True)
         )
-        if len({LossScale.of(view.photo) for view in views}) == 1:
+        if len({view.scale for view in views}) == 1:
             break
     problem = FitProblem(item.mesh, views, start, settings, item.symmetry, item.doubt)
     return problem, tuple(notes)
@@ -275,10 +276,10 @@ def _view_charts(scene: Scene, object_index: int, view_indices: Sequence[int]) -
     one, first = scene.objects[object_index], scene.views[view_indices[0]]
     if one.settings.chart == "vehicle":
         raise SettingsError('chart="vehicle" with several photos; leave it out.')
-    if one.settings.pixels == "clip" and one.settings.loss == "default":
-        raise SettingsError(
-            'pixels="clip" with several photos; take near or whole, or leave it out.'
-        )
+    pixels = LOSSES[one.settings.loss].pixels
+    if one.settings.pixels == "clip" != pixels[0]:
+        wanted = " or ".join(name for name in pixels if name != "clip")
+        raise SettingsError(f'pixels="clip" with several photos; take {wanted}, or leave it out.')
     reference = FreeBodyChart.near(one.mesh, scene.pose(object_index, view_indices[0]))
     scale, charts = 1.0 / one.world_from_model.scale, []
     cameras = list(dict.fromkeys(scene.views[index].camera for index in view_indices))

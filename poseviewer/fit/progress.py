@@ -10,10 +10,10 @@ import numpy as np
 
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.confidence.verdict import Verdict
-from poseviewer.fit.loss import LossScale
 from poseviewer.fit.problem import FitProblem
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
+from poseviewer.losses.loss import LossScale
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import Scene, SearchResult
 

@@ -23,17 +23,17 @@ from poseviewer.confidence.verdict import MIN_VISIBLE_FRACTION, Features, Verdic
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.covariance import SPREAD, VISIBLE_POWER
 from poseviewer.fit.judge import judge_end
-from poseviewer.fit.loss import PARTS
 from poseviewer.fit.occlusion import OcclusionMask, find_occluded
 from poseviewer.fit.problem import FitProblem, make_problem, pose_loss, with_min_coverage
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.search import with_end
-from poseviewer.fit.stages import MIN_STRUCTURE_PIXELS, PAPER_LOSS_PER_LOSS
+from poseviewer.fit.stages import MIN_STRUCTURE_PIXELS
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
+from poseviewer.losses.default_loss import PARTS
 from poseviewer.optimise import cma_es, quadratic
 from poseviewer.optimise.cma_es import CmaOptions
 from poseviewer.optimise.protocol import Minimiser
@@ -307,7 +307,7 @@ class _Chain:
         problem, _ = make_problem(scene.with_object(index, settings=settings), index)
         renderer, view = self._renderers[index], problem.views[0]
         masks: list[OcclusionMask] = [None]
-        if problem.is_structured and settings.in_front == "find":
+        if problem.loss.has_structure and settings.in_front == "find":
             mask = find_occluded(view.photo, renderer, prior.pose)
             masks = [mask]
             before, shape = track.occluded, view.photo.weights.shape
@@ -406,7 +406,7 @@ def _search_near(
     """Search about a predicted pose; return the end, and the covariance of its pose."""
     photo, chart = problem.photo, problem.chart
     free = problem.free_indices
-    unit = 1.0 if problem.is_structured else PAPER_LOSS_PER_LOSS
+    unit = problem.loss.unit
     if photo.clipped:
         problem = with_min_coverage(problem, renderer)
     variances, directions = np.linalg.eigh(prior.in_chart(chart)[np.ix_(free, free)])
@@ -428,11 +428,8 @@ def _search_near(
             own_loss = pose_loss(on_level, own, problem.complete(point))
             return own_loss + weight * float(off @ off)
 
-        if isinstance(options, QuadraticOptions):
-            gain, contour = unit * options.min_gain, unit * options.contour_level
-            options = replace(options, min_gain=gain, contour_level=contour)
         with RendererPool(level.renderer, threads) as pool:
-            *_, state = minimise(partial(pool.map, loss), best, axes, options)
+            *_, state = minimise(partial(pool.map, loss), best, axes, options.in_unit(unit))
         best, value = state.best, state.value
         axes = axes if state.axes is None else state.axes
 
@@ -449,7 +446,7 @@ def _search_near(
         evaluations=evaluations,
         status=Status.CONVERGED,
     )
-    if not problem.is_structured:
+    if not problem.loss.has_structure:
         return end, None
     visible = max(visible_fraction(photo, renderer, pose), MIN_VISIBLE_FRACTION)
     factor = SPREAD / (end.unexplained * visible**VISIBLE_POWER)

@@ -204,7 +204,8 @@ class Search:
             scale = self.scene.objects[self._object_index].world_from_model.scale
             pose = self.scene.pose(self._object_index, problem.views[0].view_index)
             problem = replace(problem, start=pose_to_params(problem.chart, pose, scale))
-        before, is_coarse = problem.poses(problem.start)[0], has_occluders and problem.is_structured
+        before = problem.poses(problem.start)[0]
+        is_coarse = has_occluders and problem.loss.has_structure
         best = yield from self._run(problem, is_coarse=is_coarse)
         for _ in range(1, MAX_RUNS):
             scene = with_params(self.scene, self._object_index, best.problem, best.parameters)
@@ -243,7 +244,7 @@ class Search:
         assert end is not None  # a run yields at least once
         assert last is not None
         apart = pose_error(problem.mesh, last.pose, end.pose, problem.symmetry)
-        self._is_far = problem.is_structured and apart.percent > LAST_MOVE_PERCENT
+        self._is_far = problem.loss.has_structure and apart.percent > LAST_MOVE_PERCENT
         return end
 
     @property
@@ -277,7 +278,7 @@ class Search:
         whole, pose_before = best.problem, best.pose
         is_looked_for = whole.settings.in_front == "find"
         for _ in range(OCCLUSION_PASSES):
-            if not (best.may_continue and whole.is_structured and is_looked_for):
+            if not (best.may_continue and whole.loss.has_structure and is_looked_for):
                 break
             views = best.problem.views
             poses = whole.poses(best.parameters)
@@ -441,7 +442,7 @@ def is_sure(end: FitProgress) -> bool:
 
 def is_restarted(best: FitProgress, is_turned: bool) -> bool:
     """Tell whether another run follows from the ``best`` pose, or from it turned."""
-    if not (best.may_continue and best.problem.is_structured) or best.verdict is None:
+    if not (best.may_continue and best.problem.loss.has_structure) or best.verdict is None:
         return False
     is_found = best.verdict.label == "found"
     return not is_sure(best) and not (is_found and is_turned)
@@ -472,12 +473,13 @@ def is_worse(after: FitProgress, before: FitProgress) -> bool:
 def is_focal_moved(before: Pose, end: FitProgress) -> bool:
     """Tell whether a run moved focal length or principal point by more than its deviation.
 
-    Before a verdict, ``FOCAL_THRESHOLD`` stands for it. By the paper's method it is never moved.
+    Before a verdict, ``FOCAL_THRESHOLD`` stands for it. See ``Loss.is_continued``, too.
     """
     was, now = before.camera, end.pose.camera
     known = end.covariance
-    is_searched = end.problem.settings.loss != "paper"
-    if not (is_searched and isinstance(was, Perspective) and isinstance(now, Perspective)):
+    if not (isinstance(was, Perspective) and isinstance(now, Perspective)):
+        return False
+    if not end.problem.loss.is_continued:
         return False
     moves = {LOG_FOCAL: math.log(now.fx / was.fx)}
     moves |= zip(PRINCIPAL_POINT, principal_offset(was, now), strict=True)

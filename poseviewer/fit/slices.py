@@ -15,11 +15,11 @@ from scipy.interpolate import RectBivariateSpline
 from scipy.ndimage import distance_transform_edt, maximum_filter
 
 from poseviewer.errors import SettingsError
-from poseviewer.fit.loss import LossScale
 from poseviewer.fit.problem import FitProblem, pose_loss
 from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.losses.loss import LossScale
 from poseviewer.render.attributes import Renderer
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import Level, coarsest_level

@@ -55,8 +55,6 @@ FINE_SIMPLEX = RestartOptions(
     step=0.015, multi_starts=0, x_tolerance=1.5e-3, f_tolerance=0.01, least_gain=0.02
 )
 """Simplex on the fine photo, whose minimum is a pixel away."""
-PAPER_LOSS_PER_LOSS = 1.0 / 40.0
-"""Change of the paper's loss that goes with 1 of the default loss about the truth."""
 MIN_VALUE = 0.05
 """Least value of a parameter for its edge, in its scale: some are 0 by chance."""
 RESCORE_EVERY = 32
@@ -98,8 +96,8 @@ def make_stages(
     full = tuple(Level(1, view.photo, renderer) for view in problem.views)
     if _is_by_papers_simplex(problem):
         return (Stage(full, simplex_restarts.minimise, problem.settings.options),)
-    is_structured = problem.is_structured
-    min_pixels = MIN_STRUCTURE_PIXELS if is_structured else MIN_LEVEL_PIXELS
+    loss = problem.loss
+    min_pixels = MIN_STRUCTURE_PIXELS if loss.has_structure else MIN_LEVEL_PIXELS
     coarse = tuple(coarsest_level(*pose, min_pixels) for pose in poses)
     light = tuple(lighter_level(*pose) for pose in poses)
     least = tuple(c if c.factor > 1 else own for c, own in zip(coarse, light, strict=True))
@@ -113,27 +111,22 @@ def make_stages(
             Stage(light, simplex_restarts.minimise, LIGHT_SIMPLEX, False, RESCORE_EVERY),
             Stage(fine, simplex_restarts.minimise, FINE_SIMPLEX, False, math.inf, REFINE_TOLERANCE),
         )
-    populations, last = (COARSE_POPULATION, FINE_POPULATION), LAST_MODELS
-    if not is_structured:
-        weight = PAPER_LOSS_PER_LOSS * COARSE_POPULATION.prior_weight
-        populations = tuple(replace(options, prior_weight=weight) for options in populations)
-        level, gain = PAPER_LOSS_PER_LOSS * last.contour_level, PAPER_LOSS_PER_LOSS * last.min_gain
-        last = replace(last, contour_level=level, min_gain=gain)
     stages = tuple(
-        Stage(levels, cma_es.minimise, options, rescore_every=RESCORE_EVERY)
-        for levels, options in zip((least, light), populations, strict=True)
+        Stage(levels, cma_es.minimise, options.in_unit(loss.unit), rescore_every=RESCORE_EVERY)
+        for levels, options in ((least, COARSE_POPULATION), (light, FINE_POPULATION))
     )
+    last, refining = (options.in_unit(loss.unit) for options in (LAST_MODELS, REFINING_MODELS))
     if not fine:
         return *stages, Stage(full, quadratic.minimise, last, along_axes=True)
     return (
         *stages,
-        Stage(light, quadratic.minimise, LAST_MODELS, True, RESCORE_EVERY),
-        Stage(fine, quadratic.minimise, REFINING_MODELS, True, math.inf, REFINE_TOLERANCE),
+        Stage(light, quadratic.minimise, last, True, RESCORE_EVERY),
+        Stage(fine, quadratic.minimise, refining, True, math.inf, REFINE_TOLERANCE),
     )
 
 
 def _is_by_papers_simplex(problem: FitProblem) -> bool:
-    return problem.settings.searched_by == "simplex" and not problem.is_structured
+    return problem.settings.searched_by == "simplex" and not problem.loss.has_structure
 
 
 def _scales(problem: FitProblem, at: FloatArray) -> FloatArray:
@@ -173,7 +166,7 @@ def fit_pose(
         problem = with_min_coverage(problem, renderer)
     is_continued, before = before is not None, before or FitProgress.at_start(problem)
     stages = make(problem, renderer, before.parameters)
-    if is_continued and problem.is_structured:
+    if is_continued and problem.loss.has_structure:
         stages = stages[1:] or stages
     elif is_coarse and not is_continued:
         stages = stages[:1]
@@ -267,7 +260,7 @@ class _Run:
     def _on_level(self, stage: Stage) -> FitProblem:
         """Return the problem on a stage's level of each photo."""
         photos = [level.photo for level in stage.levels]
-        if photos[0].structure is None and self._problem.photo.structure is not None:
+        if self._problem.loss.has_structure and photos[0].structure is None:
             # Structure of the fine photo is made while the stage before runs.
             photos = [with_structure(photo, is_steep=True) for photo in photos]
         return self._problem.on(photos)

@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from poseviewer.confidence.verdict import Verdict
-from poseviewer.fit.loss import LossScale
 from poseviewer.fit.problem import pose_loss
 from poseviewer.fit.progress import FitProgress
 from poseviewer.geometry.camera import Pose
+from poseviewer.losses.loss import LossScale
 from poseviewer.render.attributes import Renderer
 from poseviewer.scene.types import Scene, View
 

@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from poseviewer.errors import CalibrationFileError, PoseFileError, SettingsError, list_names
-from poseviewer.files.formats.conversion import METRES
 from poseviewer.files.image_sequence import load_sequence
 from poseviewer.files.masks import load_mask, masks_beside
-from poseviewer.files.mesh.size import distance_notes
+from poseviewer.files.mesh.size import METRES, distance_notes
 from poseviewer.files.photo import load_calibrated_photo, undistort_photo
 from poseviewer.files.pose import PoseRecord, check_against, load_pose
 from poseviewer.files.scene_assets import frame_file, load_model, open_view

@@ -25,7 +25,7 @@ from poseviewer.files.checks import InputFile
 from poseviewer.files.mesh.load import READERS
 from poseviewer.files.mesh.named import bare_name
 from poseviewer.files.photo import ENDINGS
-from poseviewer.files.state.autosave import files_of_sessions
+from poseviewer.files.state.session_file import files_of_sessions
 from poseviewer.files.video import VIDEOS
 from poseviewer.files.writing import safe_path, sha256_of, writing_to
 from poseviewer.opening.sources import MAX_FILES, ModelFiles, is_of_system, model_files

@@ -4,6 +4,8 @@ Symbols and numbers of equations are those of N. Hansen, *The CMA Evolution Stra
 (arXiv 1604.00772), whose default parameters are taken, without negative weights.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -26,6 +28,10 @@ class CmaOptions:
     """Weight of a quadratic penalty on the distance from the start."""
     min_sigma: float = 3e-3
     """The search ends when the largest standard deviation is below this."""
+
+    def in_unit(self, unit: float) -> CmaOptions:
+        """Return the options for losses ``unit`` times as large."""
+        return replace(self, prior_weight=unit * self.prior_weight)
 
 
 def minimise(

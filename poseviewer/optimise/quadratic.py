@@ -5,6 +5,8 @@ mislead a simplex. Least squares over more points than coefficients evens them o
 can be evaluated in parallel (cf. M. Powell, *The NEWUOA software*, 2006).
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -40,6 +42,11 @@ class QuadraticOptions:
     """Number of rounds in a row without improvement that ends the search."""
     growth: float = 1.0
     """Largest factor by which a sampling radius grows in one round, along any axis."""
+
+    def in_unit(self, unit: float) -> QuadraticOptions:
+        """Return the options for losses ``unit`` times as large."""
+        level, gain = unit * self.contour_level, unit * self.min_gain
+        return replace(self, contour_level=level, min_gain=gain)
 
 
 def minimise(

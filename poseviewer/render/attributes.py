@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.camera import Pose, level_pose
-from poseviewer.geometry.linear_algebra import whiten
+from poseviewer.geometry.linear_algebra import canonical_correlations_squared, whiten
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.structure import PhotoStructure
 
@@ -113,6 +113,11 @@ class PhotoAttributes:
         grey = 4 if self.structure is None else 6
         return (12 if self.colour_reflectance else grey) + (not self.clipped)
 
+    @property
+    def correlations(self) -> int:
+        """min(n, m), the number of canonical correlations of F and M."""
+        return min(self.photo_channels, self.model_channels)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moments:
@@ -137,6 +142,21 @@ class Moments:
         size = np.shape(self.mean)[0]
         object.__setattr__(self, "mean", freeze_array(self.mean, (size,)))
         object.__setattr__(self, "covariance", freeze_array(self.covariance, (size, size)))
+
+    @property
+    def correlations(self) -> int:
+        """min(n, m), the number of canonical correlations of F and M."""
+        return min(self.photo_channels, len(self.mean) - self.photo_channels)
+
+    def squared_correlations(self, colours: int | None = None) -> FloatArray:
+        """(min(n, m),): squared canonical correlations of M and F, or its first ``colours``."""
+        n = self.photo_channels
+        mean = self.mean
+        covariance = self.covariance
+        if colours is None:
+            return canonical_correlations_squared(mean, covariance, n, self.photo_whitening)
+        kept = np.r_[:colours, n : len(mean)]
+        return canonical_correlations_squared(mean[kept], covariance[np.ix_(kept, kept)], colours)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

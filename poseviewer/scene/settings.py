@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, get_args
 
@@ -10,19 +10,13 @@ import msgspec
 
 from poseviewer.errors import SettingsError
 from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.losses.known_losses import LOSSES
+from poseviewer.losses.loss import Loss, LossName, PixelsName, SearchName
 from poseviewer.optimise.restart_options import RestartOptions
 from poseviewer.render.renderers import RendererName
 
-LossName = Literal["default", "paper"]
-SearchName = Literal["simplex", "models"]
 ChartName = Literal["auto", "vehicle", "free-body"]
-PixelsName = Literal["near", "whole", "clip"]
 InFrontName = Literal["find", "painted", "nothing"]
-LOSSES: dict[LossName, str] = {
-    "default": "Default: light, colour, edges",
-    "paper": "Paper (2010)",
-}
-"""Names of the losses for people: what the default compares, and the year of the paper."""
 SEARCHES: dict[SearchName, str] = {
     "simplex": "Restarted simplex", "models": "CMA-ES, quadratic models"
 }  # fmt: skip
@@ -38,8 +32,8 @@ class Limits:
     seconds: float = 600.0
 
 
-CHOICES: dict[str, tuple[str, ...]] = {
-    "loss": get_args(LossName), "search": ("auto", *get_args(SearchName)),
+CHOICES: dict[str, Collection[str]] = {
+    "loss": LOSSES, "search": ("auto", *get_args(SearchName)),
     "chart": get_args(ChartName), "pixels": get_args(PixelsName),
     "in_front": get_args(InFrontName), "renderer": get_args(RendererName),
 }  # fmt: skip
@@ -47,10 +41,10 @@ CHOICES: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class FitSettings:
-    """Settings of a fit; the loss ``paper`` sets what it compares, and ``clip`` for ``near``."""
+    """Settings of a fit; a loss may set what it compares: see ``Loss.pixels`` and ``is_grey``."""
 
     loss: LossName = "default"
-    """The default, or exactly the paper's."""
+    """Name of a loss in ``LOSSES``: the default, or exactly the paper's."""
     search: SearchName | Literal["auto"] = "auto"
     """Minimiser of the loss; ``auto``: see ``searched_by``."""
     chart: ChartName = "auto"
@@ -91,17 +85,19 @@ class FitSettings:
             SettingsError: there is no such choice or seed.
         """
         for name, choices in CHOICES.items():
-            if (value := getattr(self, name)) not in choices:
+            if (value := getattr(self, name)) not in tuple(choices):
                 found = f"{name}={value!r}: there is no such choice"
                 raise SettingsError(f"{found}; take one of {', '.join(choices)}.")
         if not isinstance(self.seed, int) or self.seed < 0:
             raise SettingsError(f"seed={self.seed!r}: wanted a whole number of 0 or more.")
         if self.region is not None:
             object.__setattr__(self, "region", Rectangle(*self.region))
-        if self.loss == "paper":
-            pixels = "clip" if self.pixels == "near" else self.pixels
-            for name, value in zip(OF_LOSS, (True, False, pixels), strict=True):
-                object.__setattr__(self, name, value)
+        loss = LOSSES[self.loss]
+        if self.pixels not in loss.pixels:
+            object.__setattr__(self, "pixels", loss.pixels[0])
+        if loss.is_grey:
+            object.__setattr__(self, "grey", True)
+            object.__setattr__(self, "colour_reflectance", False)
 
     @property
     def has_free_camera(self) -> bool:
@@ -109,17 +105,20 @@ class FitSettings:
         return self.free_focal or self.free_principal_point
 
     @property
+    def minimised(self) -> Loss:
+        """Loss that is minimised on the chosen pixels."""
+        return LOSSES[self.loss].on(self.pixels)
+
+    @property
     def loss_name(self) -> str:
         """Name of the loss for people: ``Paper (2010), pixels inside the model``."""
         compared = {"near": "", "whole": ", whole photo", "clip": ", pixels inside the model"}
-        return LOSSES[self.loss] + compared[self.pixels]
+        return self.minimised.label + compared[self.pixels]
 
     @property
     def searched_by(self) -> SearchName:
-        """The search: if ``auto``, the paper's simplex for its loss and for clipped pixels."""
-        if self.search != "auto":
-            return self.search
-        return "simplex" if self.loss == "paper" or self.pixels == "clip" else "models"
+        """The search: if ``auto``, that of the loss."""
+        return self.minimised.search if self.search == "auto" else self.search
 
     @property
     def method(self) -> str:
@@ -149,3 +148,5 @@ def settings_from_json(data: Mapping[str, Any]) -> FitSettings:
         return msgspec.convert(data, FitSettings)
     except msgspec.ValidationError as error:
         raise SettingsError(f"settings of a file: {error}; take them out of it.") from None
+    except SettingsError as error:
+        raise SettingsError(f"settings of a file: {error}") from None

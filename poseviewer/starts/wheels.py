@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 from scipy import fft, ndimage, optimize
 
 from poseviewer.errors import QuickStartError
-from poseviewer.fit.loss import lighting_loss, registration_loss
 from poseviewer.fit.problem import make_problem
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Perspective
 from poseviewer.geometry.rectangle import Rectangle, non_maximum_suppression
+from poseviewer.losses.default_loss import DEFAULT
+from poseviewer.losses.paper_loss import lighting_loss
 from poseviewer.render.attributes import Moments
 from poseviewer.render.renderers import make_renderer
 from poseviewer.scene.settings import FitSettings
@@ -318,7 +319,7 @@ def likely_wheels(
     across, down = round(REGION_MARGIN * width), round(REGION_MARGIN * height)
     region = Rectangle(left - across, top - down, width + 2 * across, height + 2 * down)
     settings = FitSettings(pixels="whole", region=region)
-    losses = map(registration_loss, _moments(inputs, [pair.fit for pair in pairs], settings))
+    losses = map(DEFAULT.of_moments, _moments(inputs, [pair.fit for pair in pairs], settings))
     return [pairs[index] for index in np.argsort(list(losses), kind="stable")]
 
 

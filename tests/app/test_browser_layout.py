@@ -57,7 +57,7 @@ SETTLING_LOOKS = 20
 MAIN = {
     1: ["Photo ..."],
     2: ["Fit to box", "Search (space)", "Camera"],
-    3: ["Search (space)", "Hide what", "Compare both losses", "Settings"],
+    3: ["Search (space)", "Hide what", "Compare the losses", "Settings"],
     4: [],
     5: ["Save "],
 }

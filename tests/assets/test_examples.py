@@ -13,6 +13,7 @@ from tests.view_sets import write_views
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "assets" / "examples"
 ONE = ("p.png", "m.ply", "start.json")
+OWN = "fit p.png m.ply --pose start.json --loss correlation --pixels whole --out o.json"
 
 
 @pytest.mark.slow
@@ -24,6 +25,7 @@ ONE = ("p.png", "m.ply", "start.json")
         ("batch", ("jobs.csv", "results"), "\np.png found 0.0", ("results/report.html",)),
         ("own_landscape", ("p.png", "m.ply", "true.json"), "", ("default.png", "mean.png")),
         ("own_minimiser", ONE, "unexplained 0.01", ()),
+        ("own_loss", (*OWN.split(), "--quiet"), "\nloss 0.0", ("o.json",)),
     ],
 )
 def test_an_example_runs_on_files_of_the_user(tmp_path: Path, name, arguments, words, files):

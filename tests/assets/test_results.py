@@ -18,7 +18,7 @@ from poseviewer.figures.map_archive import LossMaps
 from poseviewer.files.photo import load_photo
 from poseviewer.files.table import append_row
 from poseviewer.files.writing import write_json
-from poseviewer.fit.loss import LossScale
+from poseviewer.losses.loss import LossScale
 from tests.figures.test_landscape_sheet import NAMES, limits_of, make_slices, maps_of, place_of
 
 TRIAL = Trial(
@@ -133,7 +133,7 @@ def test_what_the_page_is_measured_by_are_commands(
 def test_maps_side_by_side_have_their_own_scales_and_marks():
     piece, pose = make_slices(2)[0], np.array([0.0, 1.0])
     steep = replace(piece, losses=3.0 * piece.losses)
-    flat = LossMaps([piece], NAMES[:2], pose, np.ones(2), LossScale(1, 1, False))
+    flat = LossMaps([piece], NAMES[:2], pose, np.ones(2), LossScale(1.0))
     figure = results.landscape_row({"flat": flat, "steep": replace(flat, slices=[steep])}, 0.1)
     first, second = maps_of(figure)
     assert (first.get_title(), second.get_title()) == ("flat", "steep")

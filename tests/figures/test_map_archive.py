@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from poseviewer.errors import SettingsError
 from poseviewer.figures.map_archive import LossMaps
-from poseviewer.fit.loss import LossScale
 from poseviewer.fit.slices import Slice
 from poseviewer.geometry.arrays import freeze_array
+from poseviewer.losses.loss import LossScale
 
-SCALE = LossScale(correlations=1, colours=1, has_edges=False)
+SCALE = LossScale(1.0)
 PAIRS = ((0, 1), (0, 2), (1, 2))
 
 

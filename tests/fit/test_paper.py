@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from poseviewer.fit.loss import lighting_loss, whole_photo_loss
-from poseviewer.fit.problem import FitProblem, ViewResidual, pose_loss
+from poseviewer.fit.compared_pixels import ViewResidual
+from poseviewer.fit.problem import FitProblem, pose_loss
 from poseviewer.fit.progress import Status
 from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.losses.paper_loss import PAPER, lighting_loss, whole_photo_loss
 from poseviewer.render.attributes import PhotoAttributes
 from poseviewer.render.moments import model_attributes
 from poseviewer.render.pyramid.levels import downsample
@@ -46,7 +47,7 @@ def test_the_loss_is_one_minus_the_squared_correlation_with_the_best_light(clipp
 
 def problem_at(start: np.ndarray, clipped: bool, **settings) -> FitProblem:
     """The pose to be found from numbers of the free-body chart about it."""
-    loss = lighting_loss if clipped else whole_photo_loss
+    loss = PAPER.on("clip" if clipped else "whole")
     views = (ViewResidual(make_photo(clipped, 0.0), FreeBodyChart.near(MESH, POSE), loss),)
     return FitProblem(MESH, views, start, FitSettings("paper", **settings))
 

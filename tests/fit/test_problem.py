@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from poseviewer.fit.problem import FitProblem, ViewResidual, pose_loss
+from poseviewer.fit.compared_pixels import ViewResidual
+from poseviewer.fit.problem import FitProblem, pose_loss
 from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.stages import fit_pose, make_stages
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.losses.default_loss import DEFAULT
 from poseviewer.optimise.restart_options import RestartOptions
 from poseviewer.render.attributes import PhotoAttributes
 from poseviewer.render.pyramid.levels import downsample, with_structure
@@ -38,7 +40,8 @@ def make_problem(width: int, **settings) -> FitProblem:
     weights = np.ones(channels.shape[:2], np.float32)
     photo = PhotoAttributes(channels, weights, clipped=True, colour_reflectance=True)
     chart = FreeBodyChart.near(MESH, FreeBodyChart.near(MESH, pose).to_pose(OFF))
-    return FitProblem(MESH, (ViewResidual(photo, chart),), np.zeros(6), FitSettings(**settings))
+    view = ViewResidual(photo, chart, DEFAULT.on("clip"))
+    return FitProblem(MESH, (view,), np.zeros(6), FitSettings(**settings))
 
 
 def make_structured(width: int, factor: int, is_refined: bool = False, **settings) -> FitProblem:
@@ -46,7 +49,7 @@ def make_structured(width: int, factor: int, is_refined: bool = False, **setting
     lit = make_problem(width, **settings)
     plain = replace(lit.photo, clipped=False, colour_reflectance=False)
     fine = downsample(plain, 1) if is_refined else None
-    view = ViewResidual(with_structure(plain, factor), lit.chart, fine_photo=fine)
+    view = ViewResidual(with_structure(plain, factor), lit.chart, DEFAULT, fine)
     return replace(lit, views=(view,))
 
 

@@ -9,9 +9,13 @@ from poseviewer.api import make_registration
 from poseviewer.app.state.document import with_camera
 from poseviewer.confidence.verdict import FOUND_FROM
 from poseviewer.files.scene_assets import load_model
+from poseviewer.fit.problem import make_problem
+from poseviewer.fit.proportions import StretchProbe
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.transform import nearest_rotation
 from poseviewer.opening.scenes import open_scene
 from poseviewer.opening.sources import Sources
+from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.scene.types import Scene
 from tests.meshes import make_box, make_printed, make_sphere, merged
 from tests.scene import make_scene_of
@@ -24,6 +28,24 @@ def stretched(scene, *factors: float) -> Scene:
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     mesh = replace(model.mesh, vertices=model.mesh.vertices * factors, normals=normals)
     return open_scene(Sources(scene.photo, model=model.with_content(mesh=mesh), start=scene.start))
+
+
+def test_a_stretch_draws_a_stretched_model_and_leaves_the_rotation_rigid(scene):
+    opened = stretched(scene, 1.0, 1.0, 1.0)
+    mesh, factors = opened.objects[0].mesh, np.array([1.3, 0.8, 1.1])
+    problem = make_problem(opened)[0]
+    probe = StretchProbe(problem, SoftwareRenderer(mesh), opened.pose(0), threads=1)
+    pose = probe.pose(np.append(np.zeros(len(probe.motions)), np.log(factors)))
+    rotation = pose.camera_from_model.rotation
+    np.testing.assert_allclose(rotation, nearest_rotation(rotation), atol=1e-12)
+    about = probe.fixed_point
+    longer = replace(mesh, vertices=about + (mesh.vertices - about) * factors)
+    rigid = opened.pose(0)
+    np.testing.assert_allclose(pose.project(mesh.vertices), rigid.project(longer.vertices))
+    drawn, wanted = (
+        SoftwareRenderer(of).render_mask(at) for of, at in ((mesh, pose), (longer, rigid))
+    )
+    assert np.count_nonzero(drawn != wanted) <= 0.01 * np.count_nonzero(wanted)
 
 
 @pytest.mark.parametrize("axis", [0, 2])

@@ -13,6 +13,7 @@ from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.fit.search import Search, is_accepted, is_focal_moved, is_restarted
 from poseviewer.fit.stages import fit_pose, make_stages
 from poseviewer.fit.visibility import Occlusion
+from poseviewer.losses.default_loss import DEFAULT
 from poseviewer.opening.scenes import open_scene
 from poseviewer.opening.sources import Sources
 from poseviewer.render.renderers import make_renderer
@@ -106,7 +107,7 @@ def test_a_found_pose_that_is_not_sure_is_only_continued(small, verdict, restart
     end = replace(alone, verdict=verdict)
     given = [is_turned for is_turned in (False, True) if is_restarted(end, is_turned)]
     assert given == restarts
-    clipped = problem.on([replace(problem.photo, clipped=True, structure=None)])
+    clipped = replace(problem, views=(replace(problem.views[0], loss=DEFAULT.on("clip")),))
     assert not is_restarted(replace(end, problem=clipped), False)  # no classes and edges
     # Less is asked of a pose among other objects.
     doubtful = replace(end, verdict=Verdict("doubtful", SURE_IF_OCCLUDED))

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import SettingsError
-from poseviewer.fit.problem import FitProblem, ViewResidual, pose_loss
+from poseviewer.fit.compared_pixels import ViewResidual
+from poseviewer.fit.problem import FitProblem, pose_loss
 from poseviewer.fit.slices import Slice, landscape
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.losses.default_loss import DEFAULT
 from poseviewer.render.attributes import Moments, PhotoAttributes, Renderer
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.software.software_renderer import SoftwareRenderer
@@ -21,6 +23,7 @@ from tests.meshes import make_box, make_bumpy, merged
 PLACE = RigidTransform(np.eye(3), np.array([0.0, 0.0, 5.0]))
 MESH = make_box()
 CHART = FreeBodyChart.near(MESH, Pose(Perspective(10.0, 10.0, 4.0, 3.0, 8, 6), PLACE))
+LIGHT = DEFAULT.on("clip")
 
 
 class CountingRenderer(Renderer):
@@ -56,7 +59,9 @@ class CountingRenderer(Renderer):
 def make_problem(*free: int) -> FitProblem:
     photo = PhotoAttributes(np.zeros((6, 8, 1), np.float32), np.ones((6, 8), np.float32))
     lock = tuple(name for number, name in enumerate(CHART.names) if number not in free)
-    return FitProblem(MESH, (ViewResidual(photo, CHART),), np.zeros(6), FitSettings(lock=lock))
+    return FitProblem(
+        MESH, (ViewResidual(photo, CHART, LIGHT),), np.zeros(6), FitSettings(lock=lock)
+    )
 
 
 def drawn(*free: int, renderer=None, centre=(), threads=1, **settings) -> list[Slice]:
@@ -187,7 +192,7 @@ def test_faces_that_the_first_grid_does_not_show_hardly_count():
     photo = PhotoAttributes(renderer.render(pose).normals[..., :1], np.ones((48, 64), np.float32))
     chart = FreeBodyChart.near(mesh, pose)
     start, settings = chart.from_pose(pose), FitSettings(lock=chart.names[:4])
-    problem = FitProblem(mesh, (ViewResidual(photo, chart),), start, settings)
+    problem = FitProblem(mesh, (ViewResidual(photo, chart, LIGHT),), start, settings)
     whole, culled = [], []
     for pieces, own in ((whole, WholeRenderer(mesh)), (culled, renderer)):
         with RendererPool(own, 2) as pool:

@@ -42,7 +42,7 @@ from poseviewer.files.mesh.three_mf import read_3mf
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_json import load_scene
-from poseviewer.files.state.autosave import load_autosave
+from poseviewer.files.state.session_file import load_autosave
 from poseviewer.files.symmetry import load_symmetry
 from poseviewer.opening import uploads
 from poseviewer.opening.photo_sets import SetChoice, load_views

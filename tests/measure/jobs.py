@@ -227,7 +227,7 @@ def three_objects(hand: Hand) -> None:
 
 def by_both_losses(hand: Hand) -> None:
     hand.step(FIT)
-    hand.press("Compare both losses", "Default")
+    hand.press("Compare the losses", "Default")
     hand.save()
 
 

@@ -27,7 +27,7 @@ from poseviewer.opening.uploads import (
     keep_zip,
     pack,
 )
-from tests.files.state.test_autosave import saved, session
+from tests.files.state.test_session_file import saved, session
 
 TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 ODD_NAMES = (

@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from poseviewer.fit.loss import registration_loss
 from poseviewer.geometry.camera import Parallel, Perspective, Pose, level_pose
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.losses.default_loss import structure_loss
 from poseviewer.render.attributes import PhotoAttributes
 from poseviewer.render.moments import moments_of_images
 from poseviewer.render.pyramid.levels import with_structure
@@ -51,7 +51,7 @@ def test_the_fast_path_gives_the_plain_moments(parallel, factor):
         np.testing.assert_allclose(fast.mean, plain.mean, atol=1e-6)
         np.testing.assert_allclose(fast.covariance, plain.covariance, atol=1e-6)
         assert fast.edge_cosine == pytest.approx(plain.edge_cosine, abs=1e-5)
-        assert registration_loss(fast) == pytest.approx(registration_loss(plain), rel=1e-5)
+        assert structure_loss(fast) == pytest.approx(structure_loss(plain), rel=1e-5)
 
 
 def test_a_photo_in_negative_has_the_same_edges():

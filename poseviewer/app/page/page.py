@@ -30,7 +30,7 @@ from poseviewer.app.workers.exporting import OF_FRAMES
 from poseviewer.app.workers.tasks import Restore, TaskResult, download
 from poseviewer.files.formats.bop import likely_numbers
 from poseviewer.files.formats.conversion import ConvertOptions
-from poseviewer.files.state.autosave import AutosavedSession
+from poseviewer.files.state.session_file import AutosavedSession
 from poseviewer.opening.sources import MAX_FILES
 from poseviewer.opening.uploads import MAX_UPLOAD_BYTES
 

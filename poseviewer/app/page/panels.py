@@ -48,13 +48,14 @@ from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import CONVERTED, OF_FRAMES, WITH_NUMBERS
 from poseviewer.app.workers.tasks import Request, download, find_wheels_in_region
 from poseviewer.files.camera_trees import TREES
-from poseviewer.files.formats.conversion import METRES
+from poseviewer.files.mesh.size import METRES
 from poseviewer.fit.progress import SearchProgress
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel
 from poseviewer.geometry.charts import short_name, tooltip
 from poseviewer.geometry.lens import COEFFICIENTS
-from poseviewer.scene.settings import LOSSES, SEARCHES
+from poseviewer.losses.known_losses import LOSSES
+from poseviewer.scene.settings import SEARCHES
 from poseviewer.starts.sides import SIDES
 
 UNIT_HINT = "Saved with the pose; formats that have a unit of their own need it"
@@ -79,10 +80,6 @@ IN_FRONT_HINT = (
 BESIDE_RESTART = 1e-3
 """Evaluations between a restart's line on the curve and what is not one."""
 AS_IT_IS = "as it is"
-LOSSES_HINT = (
-    "Default: what light, classes of colour and edges leave unexplained. Paper (2010): what light "
-    "alone does, in grey."
-)
 SEARCHES_HINT = "How the loss is minimised; each goes with each loss."
 WAITING = '<div class="pv-wait"></div>'
 """A moving bar, for work of unknown length."""
@@ -90,10 +87,6 @@ WAITING = '<div class="pv-wait"></div>'
 
 def _has_region(session: Session) -> bool:
     return session.document.in_view.region is not None
-
-
-def _is_papers(session: Session) -> bool:
-    return session.document.settings.loss == "paper"
 
 
 def _is_parallel(session: Session) -> bool:
@@ -275,11 +268,14 @@ def add_fitting(controls: Controls) -> None:
     """Step "Fit": start and stop, how the search goes, what it may change."""
 
     def pixels_of(session: Session) -> tuple[str, ...]:
-        return tuple(PIXELS.values())[1 if _is_papers(session) else 0 :]
+        allowed = session.document.settings.minimised.pixels
+        return tuple(label for name, label in PIXELS.items() if name in allowed)
 
     names = ("loss", "pixels", "searched_by")
     loss, pixels, search = (attrgetter(f"document.settings.{name}") for name in names)
-    controls.dropdown("Loss", LOSSES, set_loss, loss, LOSSES_HINT)
+    labels = {name: own.label for name, own in LOSSES.items()}
+    hint = " ".join(own.hint for own in LOSSES.values())
+    controls.dropdown("Loss", labels, set_loss, loss, hint)
     controls.dropdown("Pixels", PIXELS, partial(_set, "pixels"), pixels, options=pixels_of)
     controls.dropdown("Search", SEARCHES, partial(_set, "search"), search, SEARCHES_HINT)
     _add_search(controls)
@@ -375,7 +371,8 @@ def _add_settings(controls: Controls) -> None:
     setting(gui.add_dropdown("Parameters", ("auto", "vehicle", "free-body")), "chart")
     controls.action("region", lambda s: s.tool == "region")
     controls.action("clear region", visible=_has_region)
-    setting(gui.add_checkbox("Use greyscale", False), "grey", disabled=_is_papers)
+    is_grey = attrgetter("document.settings.minimised.is_grey")
+    setting(gui.add_checkbox("Use greyscale", False), "grey", disabled=is_grey)
     setting(gui.add_checkbox("Find the focal length", False), "free_focal")
     principal = gui.add_checkbox("Find the principal point", False, hint=PRINCIPAL_HINT)
     setting(principal, "free_principal_point", disabled=_is_parallel)

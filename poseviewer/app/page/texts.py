@@ -384,7 +384,7 @@ def _hidden_share(mask: Mask) -> str:
 
 
 def ends_table(comparison: LossComparison | None) -> str:
-    """A column for each end, and how far the two are from each other (markdown); "": no ends."""
+    """A column for each end, and how far each is from the first (markdown); "": no ends."""
     if comparison is None:
         return ""
     ends, fits = comparison.ends, [end.progress for end in comparison.ends]
@@ -400,11 +400,11 @@ def ends_table(comparison: LossComparison | None) -> str:
         "verdict": ["-" if fit.verdict is None else fit.verdict.label for fit in fits],
     }
     table = "\n".join(f"| {name} | {' | '.join(values)} |" for name, values in rows.items())
-    first, second = fits[:2]
-    apart = pose_error(first.problem.mesh, second.pose, first.pose)
-    return (
-        f"{table}\n\nBoth on the pixels about the start. The ends lie "
-        f"{apart.reprojection_px:.1f} px apart ({apart.percent:.2g} % of the model's size in the "
-        f"photo), turned by {apart.rotation_deg:.2g}°. The outline of the one that is not taken "
-        "is pink."
-    )
+    text = f"{table}\n\nEach on the pixels about the start."
+    for name, fit in zip(names[1:], fits[1:], strict=True):
+        apart = pose_error(fit.problem.mesh, fit.pose, fits[0].pose)
+        text += (
+            f" {name} ends {apart.reprojection_px:.1f} px from {names[0]} ({apart.percent:.2g} % "
+            f"of the model's size in the photo), turned by {apart.rotation_deg:.2g}°."
+        )
+    return f"{text} Outlines of ends that are not taken are pink."

@@ -57,7 +57,7 @@ SEARCH = "Start, stop the search"
 HIDE = "Hide what is in front: wheel brush size, alt erase"
 HIDE_FOUND = "Hide what the search took for something in front, to be corrected"
 HIDE_ALL = "What is painted in this frame hides these pixels in all of them"
-COMPARE = "Search from the start by one loss, then by the other, and set the ends side by side"
+COMPARE = "Search from the start by each loss in turn, and set the ends side by side"
 MEASURE = "Measure points of models, and the distance of two"
 REGION = "Compare what lies in a rectangle alone"
 DRAWING = "Drag on the photo ..."
@@ -131,7 +131,7 @@ ACTIONS: Mapping[str, Action] = {
     "hide found": Action(hide_found(), "Fit", "Hide what the search found", HIDE_FOUND),
     "hide all": Action(hide_in_all_frames(), "Fit", "Hide in all frames", HIDE_ALL),
     "unhide": Action(unhide(), "Fit", "Clear hidden areas", "Let all pixels count again"),
-    "compare": Action(compare_losses(), "Fit", "Compare both losses", COMPARE),
+    "compare": Action(compare_losses(), "Fit", "Compare the losses", COMPARE),
     "region": Action(
         set_tool("region"), "Fit", "Draw a region", REGION, end="Drag on the photo ..."
     ),

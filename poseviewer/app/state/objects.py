@@ -7,7 +7,8 @@ from poseviewer.app.state.document import Document, ObjectState
 from poseviewer.app.state.edits import edit
 from poseviewer.app.state.session import Session, is_in_sight
 from poseviewer.errors import SettingsError
-from poseviewer.files.formats.conversion import METRES, ConvertOptions
+from poseviewer.files.formats.conversion import ConvertOptions
+from poseviewer.files.mesh.size import METRES
 from poseviewer.scene.assets import ModelFile
 from poseviewer.scene.types import InView, SceneObject
 from poseviewer.starts.sides import look_from

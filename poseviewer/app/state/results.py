@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from poseviewer.app.state.document import Document
 from poseviewer.errors import PoseViewerError
 from poseviewer.figures.map_archive import LossMaps
-from poseviewer.fit.loss import Unexplained
 from poseviewer.fit.problem import FitProblem
 from poseviewer.fit.slices import Slice
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.losses.loss import Unexplained
 
 if TYPE_CHECKING:
     from poseviewer.app.state.session import Session

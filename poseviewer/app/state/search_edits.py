@@ -13,7 +13,9 @@ from poseviewer.app.state.searches import LossComparison, SearchRequest
 from poseviewer.app.state.session import Session, is_in_sight
 from poseviewer.errors import SettingsError
 from poseviewer.fit.progress import SearchProgress
-from poseviewer.scene.settings import LOSSES, FitSettings, LossName
+from poseviewer.losses.known_losses import LOSSES
+from poseviewer.losses.loss import LossName
+from poseviewer.scene.settings import FitSettings
 
 
 @edit
@@ -33,12 +35,12 @@ def clear_region(session: Session) -> Session:
 
 @edit
 def set_loss(session: Session, loss: LossName) -> Session:
-    """Choose the loss; the other loss keeps its settings until it is chosen again."""
+    """Choose the loss; the one before keeps its settings until it is chosen again."""
     before = session.document.settings
     if loss == before.loss:
         return session
     document = session.document.with_object(settings=session.settings_by(loss))
-    return replace(session.with_document(document), other_settings=before)
+    return session.with_document(document).keeping(before)
 
 
 @edit
@@ -74,7 +76,7 @@ def search_all(session: Session) -> Session:
 
 @edit
 def compare_losses(session: Session) -> Session:
-    """Search from the start pose by both losses, the chosen one last."""
+    """Search from the start pose by each loss, the chosen one last."""
     document = session.document
     losses = sorted(LOSSES, key=lambda loss: loss == document.settings.loss)
     settings = tuple(map(session.settings_by, losses))
@@ -105,7 +107,7 @@ def take_end(session: Session, index: int) -> Session:
     end = comparison.ends[index]
     session = session.with_document(with_progress(before, end).with_object(settings=end.settings))
     if end.settings.loss != before.settings.loss:
-        session = replace(session, other_settings=before.settings)
+        session = session.keeping(before.settings)
     request = SearchRequest(before.at_start, (end.settings,), (before.active,))
     return with_search(session, request, end)
 

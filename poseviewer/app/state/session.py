@@ -27,10 +27,12 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.scene.settings import LOSSES, FitSettings, LossName
+from poseviewer.losses.known_losses import LOSSES
+from poseviewer.losses.loss import LossName
+from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import Scene
 
-MappedLoss = Literal["chosen", "default", "paper", "both"]
+MappedLoss = Literal["chosen", "all"] | LossName
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +62,7 @@ class Display:
     large_map: tuple[int, int] | None = None
     """Pair of parameters whose map is shown large."""
     mapped_loss: MappedLoss = "chosen"
-    """Loss that is mapped: that of the settings, one by its name, or both."""
+    """Loss that is mapped: that of the settings, one by its name, or all."""
     model_turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Rotation vector, in camera axes, of the model's picture beside the photo, from its pose."""
     relative_to: str = ""
@@ -88,9 +90,9 @@ class Session:
     search_progress: SearchProgress | None = None
     """Newest progress of that search."""
     comparison: LossComparison | None = None
-    """Last comparison of both losses for this photo and model."""
-    other_settings: FitSettings = field(default_factory=lambda: FitSettings("paper"))
-    """Settings by the loss that is not chosen."""
+    """Last comparison of the losses for this photo and model."""
+    kept_settings: Mapping[LossName, FitSettings] = field(default_factory=dict)
+    """Settings of losses that were chosen before."""
     proposals_by_object: Mapping[int, ProposedStarts | None] = field(default_factory=dict)
     """Proposed starts by the objects' ids."""
     wanted_frame: int | None = None
@@ -176,17 +178,21 @@ class Session:
 
     def settings_by(self, loss: LossName) -> FitSettings:
         """Settings of the active object for a loss."""
-        return self.document.settings.of_loss(loss, self.other_settings)
+        return self.document.settings.of_loss(loss, self.kept_settings.get(loss))
+
+    def keeping(self, settings: FitSettings) -> Session:
+        """The session that takes these settings up when their loss is chosen again."""
+        return replace(self, kept_settings={**self.kept_settings, settings.loss: settings})
 
     @property
     def mapped(self) -> tuple[FitSettings, ...]:
         """Settings for each loss that is mapped, with the focal length that a search frees."""
-        settings, loss = self.document.settings, self.display.mapped_loss
+        chosen, mapped = self.document.settings.loss, self.display.mapped_loss
+        names = LOSSES if mapped == "all" else (chosen if mapped == "chosen" else mapped,)
+        settings = tuple(map(self.settings_by, names))
         if self.own_progress is not None and self.own_progress.settings.free_focal:
-            settings = replace(settings, free_focal=True)
-        if loss == "both":
-            return tuple(settings.of_loss(name, self.other_settings) for name in LOSSES)
-        return (settings if loss == "chosen" else settings.of_loss(loss, self.other_settings),)
+            settings = tuple(replace(own, free_focal=True) for own in settings)
+        return settings
 
     @property
     def proposals(self) -> ProposedStarts | None:

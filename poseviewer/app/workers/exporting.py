@@ -27,6 +27,7 @@ from poseviewer.files.formats.sequence_export import (
 from poseviewer.files.masks import pose_contents
 from poseviewer.files.scene_json import as_saved, pose_json
 from poseviewer.files.writing import json_bytes, safe_path
+from poseviewer.losses.default_loss import DEFAULT
 from poseviewer.render.overlay.styles import SOLID_OPACITY, Picture
 from poseviewer.scene.measuring import measure_relative
 from poseviewer.scene.sequence import as_still
@@ -140,10 +141,11 @@ def export(
         raise SettingsError("there are no maps yet; wait for the first ones")
     if not all(map(is_fine, mapped)):
         raise SettingsError("the maps are still coarse; save them once they are fine, at rest")
-    endings = {"default": f"landscape.{kind}", "paper": f"landscape.paper.{kind}"}
+    names = (update.problem.settings.loss for update in mapped)
+    whose = ("" if name == DEFAULT.name else f".{name}" for name in names)
     return {
-        f"{stem}.{endings[update.problem.settings.loss]}": update.maps_in(session).as_bytes(kind)
-        for update in mapped
+        f"{stem}.landscape{of}.{kind}": update.maps_in(session).as_bytes(kind)
+        for of, update in zip(whose, mapped, strict=True)
     }
 
 

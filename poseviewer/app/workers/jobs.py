@@ -37,11 +37,12 @@ from poseviewer.fit.progress import SearchProgress
 from poseviewer.fit.search import Search
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
+from poseviewer.losses.known_losses import LOSSES
 from poseviewer.render.attributes import Renderer
 from poseviewer.render.overlay.contour import quick_silhouette
 from poseviewer.render.pool import processors
 from poseviewer.render.renderers import RendererName
-from poseviewer.scene.settings import LOSSES, FitSettings
+from poseviewer.scene.settings import FitSettings
 from poseviewer.starts.automatic import best_start
 from poseviewer.starts.instances import propose_beside
 

@@ -21,9 +21,10 @@ from poseviewer.fit.slices import QUICK_SIZES, quick_level, strides
 from poseviewer.fit.slices import landscape as make_slices
 from poseviewer.fit.stages import make_stages
 from poseviewer.geometry.camera import Pose
+from poseviewer.losses.loss import LossName
 from poseviewer.render.attributes import Renderer
 from poseviewer.render.pool import RendererPool, processors
-from poseviewer.scene.settings import FitSettings, LossName
+from poseviewer.scene.settings import FitSettings
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.software_renderer import SoftwareRenderer

@@ -13,7 +13,7 @@ from poseviewer.files.demo import PLACES
 from poseviewer.files.photo import load_calibrated_photo, load_photo, orientation_of
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_assets import load_model
-from poseviewer.files.state.autosave import AutosavedSession
+from poseviewer.files.state.session_file import AutosavedSession
 from poseviewer.geometry.camera import Camera, Parallel, Pose
 from poseviewer.geometry.lens import LensModel, same_undistortion
 from poseviewer.geometry.transform import RigidTransform

@@ -19,15 +19,16 @@ from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import for_one_thread
 from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import PoseViewerError
+from poseviewer.fit.compared_pixels import ViewResidual
 from poseviewer.fit.lighting import render_relit
-from poseviewer.fit.loss import LossScale, Unexplained, mean_over
-from poseviewer.fit.problem import ViewResidual, make_problem
+from poseviewer.fit.problem import make_problem
 from poseviewer.fit.visibility import DepthImage, depth_image
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.placing import fit_into_rectangle
 from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.losses.loss import Unexplained, mean_over
 from poseviewer.render.overlay import LOOKS
 from poseviewer.render.overlay.contour import Sketch, quick_silhouette, silhouette
 from poseviewer.render.overlay.edges import find_lines
@@ -103,11 +104,11 @@ class LossReader:
         return mean_over(tuple(by_view.values())), by_view
 
     def _read(self, view: ViewResidual, model: PlacedModel) -> Unexplained:
-        scale = LossScale.of(view.photo)
+        scale = view.scale
         if not model.depth > 0.0:
             return Unexplained(scale, scale.worst)
         moments = self.renderer.moments(model.pose, view.photo)
-        return scale.read(view.loss(moments), moments)
+        return scale.read(view.loss.of_moments(moments), moments)
 
 
 class OverlayDrawer:

@@ -21,7 +21,7 @@ from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import FileSetError, QuickStartError
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.scene_assets import load_model
-from poseviewer.files.state.autosave import AutosavedSession
+from poseviewer.files.state.session_file import AutosavedSession
 from poseviewer.geometry.camera import size_at_scale
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import LensModel

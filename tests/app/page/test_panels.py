@@ -83,7 +83,7 @@ def test_the_table_has_the_loss_of_each_end_by_each_method(comparison):
     ours, paper = (end.progress for end in comparison.ends)
     assert rows["evaluations"] == [f"{fit.evaluations:,}" for fit in (ours, paper)]
     apart = pose_error(ours.problem.mesh, paper.pose, ours.pose)
-    assert f"{apart.reprojection_px:.1f} px apart" in said
+    assert f"Paper ends {apart.reprojection_px:.1f} px from Default" in said
 
 
 def test_both_ends_are_drawn_until_the_pose_is_another(scene, comparison):

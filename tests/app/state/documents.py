@@ -10,7 +10,8 @@ from poseviewer.app.state.document import Document
 from poseviewer.app.state.dragging import Drag
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.pointer_edits import update
-from poseviewer.app.state.session import SearchRequest, Session
+from poseviewer.app.state.searches import SearchRequest
+from poseviewer.app.state.session import Session
 from poseviewer.app.workers.opening import open_sources
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.cameras import Calibration

@@ -2,11 +2,11 @@
 
 import json
 from dataclasses import replace
-from html import escape
 from pathlib import Path
 
 import numpy as np
 import pytest
+from lxml import html
 from PIL import Image
 
 from poseviewer.app.page.above_steps import loss_bar
@@ -118,7 +118,7 @@ def test_the_one_that_is_pressed_becomes_the_start():
     row = proposals_row(first)
     assert row.count("<image") == row.count("30 %") == 3
     press = {"kind": "start", "index": 2}
-    assert escape(json.dumps(press)) in row
+    assert json.loads(html.fromstring(row).xpath("//@data-report")[2]) == press
     pressed = meaning_of(json.dumps(press))
     assert isinstance(pressed, Edit)
     taken = after(first, pressed)

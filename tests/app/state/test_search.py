@@ -233,7 +233,7 @@ def test_the_maps_are_of_the_loss_that_is_asked_for(session):
     for at_hand in (session, paper):
         own = at_hand.document.settings
         assert at_hand.mapped == (own,)
-        both = after(at_hand, c.set_fields("display", mapped_loss="both")).mapped
+        both = after(at_hand, c.set_fields("display", mapped_loss="all")).mapped
         assert [settings.loss for settings in both] == ["default", "paper"]
         assert own in both
         assert after(at_hand, c.set_fields("display", mapped_loss="default")).mapped == (SETTINGS,)

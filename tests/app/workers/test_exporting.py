@@ -21,11 +21,11 @@ from poseviewer.app.state.objects import (
 )
 from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import CONVERTED, RELATIVE, export
 from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.app.workers.maps import SIZE, MapMaker
 from poseviewer.app.workers.opening import open_sources
+from poseviewer.app.workers.saving import Autosaver
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.formats.bop import likely_numbers
 from poseviewer.files.formats.conversion import ConvertOptions
@@ -160,8 +160,8 @@ def test_maps_are_saved_once_they_are_fine_by_both_losses_on_one_grid(scene):
     document = open_files(scene.photo, scene.model, scene.start)
     locked = ("rotation_x", "rotation_y", "rotation_z", "log_depth")
     document = document.with_object(settings=FitSettings("default", lock=locked))
-    session = after(Session(document), set_fields("display", mapped_loss="both"))
-    session = replace(session, other_settings=FitSettings("paper", lock=locked))
+    session = after(Session(document), set_fields("display", mapped_loss="all"))
+    session = session.keeping(FitSettings("paper", lock=locked))
     coarse, *_, fine = MapMaker(renderer_of(document.mesh).clone()).run(session)
     for what in ("sheet", "maps-npz"):
         with pytest.raises(PoseViewerError, match="still coarse"):

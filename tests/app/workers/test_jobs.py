@@ -190,7 +190,7 @@ def test_restarts_are_told_where_they_begin(document):
 
 def test_two_losses_are_mapped_about_one_pose(document, renderer):
     session = Session(document)
-    session = update(session, set_fields("display", mapped_loss="both"))
+    session = update(session, set_fields("display", mapped_loss="all"))
     moving = held(session)
     found = list(MapMaker(renderer).run(moving))
     assert all(len(item) == 2 for item in found)  # none is shown without the other

@@ -11,9 +11,9 @@ from poseviewer.app.state.document import Document, verdict_of
 from poseviewer.app.state.objects import add_object, alter_object
 from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.autosaving import Autosaver, make_autosave
 from poseviewer.app.workers.exporting import export
 from poseviewer.app.workers.opening import open_autosaved, open_file_set, open_photo, open_pose
+from poseviewer.app.workers.saving import Autosaver, make_autosave
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import CalibrationFileError, PoseFileError
 from poseviewer.files.cameras import Calibration
@@ -21,7 +21,7 @@ from poseviewer.files.photo import load_calibrated_photo, save_image
 from poseviewer.files.pose import save_pose
 from poseviewer.files.scene_assets import load_model
 from poseviewer.files.scene_json import as_saved, pose_json
-from poseviewer.files.state.autosave import load_autosave
+from poseviewer.files.state.session_file import load_autosave
 from poseviewer.geometry.lens import same_undistortion
 from poseviewer.opening.sources import Sources, model_files, sort_set
 from poseviewer.scene.types import SearchResult

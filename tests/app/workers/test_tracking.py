@@ -9,9 +9,9 @@ import pytest
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.frame_edits import edit_frames, step_frame
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import OF_FRAMES, export
 from poseviewer.app.workers.opening import open_sources
+from poseviewer.app.workers.saving import Autosaver
 from poseviewer.app.workers.tracking import frame_reading, track_edits
 from poseviewer.app.workers.worker import Mailbox, Worker
 from poseviewer.errors import PhotoFileError

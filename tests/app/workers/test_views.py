@@ -11,16 +11,16 @@ from poseviewer.app.state.hiding import Stroke, paint
 from poseviewer.app.state.objects import add_object, compare_view, pick_object, show_view
 from poseviewer.app.state.results import LossReading, Results
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import pose_file_view, scene_to_save
 from poseviewer.app.workers.jobs import run_search
 from poseviewer.app.workers.maps import MapMaker
 from poseviewer.app.workers.opening import open_autosaved, open_pose, open_sources
 from poseviewer.app.workers.overlay import LossReader
+from poseviewer.app.workers.saving import Autosaver
 from poseviewer.errors import SettingsError
 from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene_json import as_saved, pose_json
-from poseviewer.files.state.autosave import load_autosave
+from poseviewer.files.state.session_file import load_autosave
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.opening.sources import Sources
 from poseviewer.render.software.software_renderer import SoftwareRenderer

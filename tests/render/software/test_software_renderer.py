@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from poseviewer.fit.loss import lighting_loss
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.losses.paper_loss import lighting_loss
 from poseviewer.render.attributes import PhotoAttributes
 from poseviewer.render.moments import moments_of_images
 from poseviewer.render.software.software_renderer import SoftwareRenderer

@@ -20,7 +20,7 @@ from poseviewer.files.demo import PLACES
 from poseviewer.files.keypoints import is_equal, keypoints_path, load_keypoints, save_keypoints
 from poseviewer.files.masks import mask_paths, save_pose_and_masks
 from poseviewer.files.scene_json import as_saved, pose_json, save_scene
-from poseviewer.files.state.autosave import (
+from poseviewer.files.state.session_file import (
     AutosavedSession,
     SessionFile,
     discard,

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from poseviewer.fit.lighting import recover_lighting
-from poseviewer.fit.loss import lighting_loss
+from poseviewer.losses.paper_loss import lighting_loss
 from poseviewer.render.attributes import Moments
 
 SEEDS = st.integers(0, 2**32 - 1)

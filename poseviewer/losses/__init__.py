@@ -1,0 +1,1 @@
+"""Losses that a search can minimise, a file for each, and the table of them."""
