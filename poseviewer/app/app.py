@@ -29,11 +29,11 @@ from poseviewer.app.state.hiding import forget_strokes
 from poseviewer.app.state.results import Preparation
 from poseviewer.app.state.search_edits import preparation_advanced
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.jobs import has_renderer, preparing, proposing, searching
 from poseviewer.app.workers.maps import mapping
 from poseviewer.app.workers.outlines import outlining
 from poseviewer.app.workers.overlay import drawing, picturing, reading, refining
+from poseviewer.app.workers.saving import Autosaver
 from poseviewer.app.workers.tasks import (
     QueuedTask,
     Request,

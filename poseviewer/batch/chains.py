@@ -32,9 +32,10 @@ from poseviewer.files.photo import save_image
 from poseviewer.files.scene_json import as_saved, load_scene, save_scene, scene_contents
 from poseviewer.files.writing import make_folder, require_replaceable, write_whole
 from poseviewer.fit.propagation import FrameStep, find_chains
+from poseviewer.opening.scenes import open_scene
+from poseviewer.opening.sources import Sources
 from poseviewer.scene.sequence import remove_propagated, require_keys, show_frame
 from poseviewer.scene.types import Scene
-from poseviewer.starts.loading import open_scene_files
 
 SEQUENCE = "scene.json"
 """File of the sequence with all poses so far."""
@@ -82,7 +83,7 @@ def _part(scene: Scene, ends: tuple[int, int]) -> Scene:
 @lru_cache(maxsize=1)
 def _open_sequence(path: Path, _stamp: tuple[int, int]) -> Scene:
     """Open the sequence, which all chains share that a process runs."""
-    return open_scene_files(path)
+    return open_scene(Sources(scene=path))
 
 
 def run_chain(job: Job, plan: Batch, threads: int = 1) -> JobResult:

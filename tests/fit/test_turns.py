@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from poseviewer.app.state.document import Document
-from poseviewer.app.state.session import SearchRequest
+from poseviewer.app.state.results import SearchRequest
 from poseviewer.app.workers.jobs import run_search
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.fit import search as searching

@@ -19,7 +19,6 @@ from poseviewer.app.state.results import LossComparison
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import search_edits
 from poseviewer.app.workers.maps import MapMaker, maps_about
-from poseviewer.app.workers.opening import open_files
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_assets import load_model
 from poseviewer.files.scene_json import load_scene, save_scene
@@ -30,7 +29,7 @@ from poseviewer.losses.known_losses import LOSSES
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.scene.settings import FitSettings, Limits
 from tests.app.state import edits as c
-from tests.app.state.documents import after
+from tests.app.state.documents import after, open_files
 from tests.commands import refusal, run
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "assets" / "examples" / "own_loss.py"

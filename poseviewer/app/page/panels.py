@@ -54,7 +54,7 @@ from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import CONVERTED, OF_FRAMES, WITH_NUMBERS
 from poseviewer.app.workers.tasks import Request, download, find_wheels_in_region
 from poseviewer.files.camera_trees import TREES
-from poseviewer.files.formats.conversion import METRES
+from poseviewer.files.mesh.size import METRES
 from poseviewer.fit.progress import SearchProgress
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel
@@ -62,7 +62,7 @@ from poseviewer.geometry.charts import short_name, tooltip
 from poseviewer.geometry.lens import COEFFICIENTS
 from poseviewer.losses.known_losses import LOSSES
 from poseviewer.scene.settings import SEARCHES
-from poseviewer.starts.placing import SIDES
+from poseviewer.starts.sides import SIDES
 
 UNIT_HINT = "Saved with the pose; formats that have a unit of their own need it"
 MAX_PARAMETERS = 10

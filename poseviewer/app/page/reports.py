@@ -29,7 +29,7 @@ from poseviewer.app.state.pointer_edits import double_press, drag_to, press
 from poseviewer.app.state.pose_edits import nudge, pick_in_landscape
 from poseviewer.app.state.search_edits import take_start
 from poseviewer.app.workers.tasks import Request, grow
-from poseviewer.files.state.uploads import why_not_sent, why_unfit
+from poseviewer.opening.uploads import why_not_sent, why_unfit
 
 FINE = 0.1
 """Factor of nudges with shift."""

@@ -20,6 +20,7 @@ from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.placing import with_point_at
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view_chart import ViewChart
@@ -28,7 +29,6 @@ from poseviewer.scene.assets import ModelFile, PhotoFile
 from poseviewer.scene.sequence import show_frame
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import Frame, InView, Scene, SceneObject, SearchResult, View
-from poseviewer.starts.placing import with_point_at
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.wheel_pose import MIN_RIM_POINTS, Ellipse, ellipse_through
 

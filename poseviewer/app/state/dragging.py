@@ -17,11 +17,11 @@ from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.placing import fit_into_rectangle, surface_point, with_point_at
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.opening.scenes import scale_by_rays
 from poseviewer.render.overlay.contour import is_within_outline
-from poseviewer.starts.loading import scale_by_rays
-from poseviewer.starts.placing import fit_into_rectangle, surface_point, with_point_at
 from poseviewer.vehicle.chart import MIN_AXLE_COMPONENT, VehicleChart
 
 POINT_REACH_PX = 14.0

@@ -22,8 +22,8 @@ from poseviewer.errors import QuickStartError
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Perspective, Pose
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.placing import surface_point
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.starts.placing import surface_point
 from poseviewer.starts.point_pairs import (
     MIN_PAIRS_FOR_FOCAL,
     fewest_pairs,

@@ -27,8 +27,8 @@ from poseviewer.app.state.marking import (
 from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.starts.measuring import measure_point
-from poseviewer.starts.placing import surface_point
+from poseviewer.geometry.placing import surface_point
+from poseviewer.scene.measuring import measure_point
 from poseviewer.vehicle.chart import VehicleChart
 
 Tool = Literal[

@@ -19,7 +19,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import camera_as_integer_centres, camera_from_integer_centres
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.starts.placing import look_from
+from poseviewer.starts.sides import look_from
 
 NudgeKind = Literal["move", "turn", "roll", "scale"]
 NUDGE_MOVE_PX = 1.0

@@ -26,14 +26,13 @@ from poseviewer.files.formats.sequence_export import (
 )
 from poseviewer.files.masks import pose_contents
 from poseviewer.files.scene_json import as_saved, pose_json
-from poseviewer.files.state.uploads import safe_path
-from poseviewer.files.writing import json_bytes
+from poseviewer.files.writing import json_bytes, safe_path
 from poseviewer.losses.default_loss import DEFAULT
 from poseviewer.render.overlay.styles import SOLID_OPACITY, Picture
+from poseviewer.scene.measuring import measure_relative
 from poseviewer.scene.sequence import as_still
 from poseviewer.scene.settings import settings_as_json
 from poseviewer.scene.types import ChartParameters, Scene, SearchResult
-from poseviewer.starts.measuring import measure_relative
 
 Export = Literal["pose", "overlay", "sheet", "maps-npz"] | str
 """Name of a download, or a key of ``CONVERTED``."""

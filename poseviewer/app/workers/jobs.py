@@ -50,7 +50,7 @@ from poseviewer.render.renderers import RendererName
 from poseviewer.scene.settings import FitSettings
 from poseviewer.starts.automatic import StartQuery, best_start
 from poseviewer.starts.instances import propose_beside
-from poseviewer.starts.loading import StartInputs
+from poseviewer.starts.start import StartInputs
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.software_renderer import SoftwareRenderer

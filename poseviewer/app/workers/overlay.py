@@ -18,13 +18,15 @@ from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import for_one_thread
 from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import PoseViewerError
+from poseviewer.fit.compared_pixels import ViewResidual
 from poseviewer.fit.lighting import render_relit
-from poseviewer.fit.problem import ViewResidual, make_problem
+from poseviewer.fit.problem import make_problem
 from poseviewer.fit.visibility import DepthImage, depth_image
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.placing import fit_into_rectangle
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.losses.loss import Unexplained, mean_over
 from poseviewer.render.overlay import LOOKS
@@ -32,7 +34,6 @@ from poseviewer.render.overlay.contour import Sketch, quick_silhouette, silhouet
 from poseviewer.render.overlay.edges import find_lines
 from poseviewer.render.overlay.styles import ModelInPhoto, Relight, draw_style, line_scale
 from poseviewer.scene.types import PlacedModel
-from poseviewer.starts.placing import fit_into_rectangle
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.software_renderer import SoftwareRenderer

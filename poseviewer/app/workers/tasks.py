@@ -25,15 +25,16 @@ from poseviewer.app.workers.exporting import OF_FRAMES, Export, export
 from poseviewer.app.workers.opening import has_demo_model, open_autosaved, open_file_set
 from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import FileSetError, QuickStartError
-from poseviewer.files.file_set import Kind, files_below, sort_set
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.scene_assets import load_model
-from poseviewer.files.state.autosave import AutosavedSession
-from poseviewer.files.state.uploads import MAX_UPLOAD_BYTES, display_name, gather, keep_set
+from poseviewer.files.state.session_file import AutosavedSession
 from poseviewer.geometry.camera import size_at_scale
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import LensModel
-from poseviewer.starts.loading import StartInputs, notes_of
+from poseviewer.opening.scenes import notes_of
+from poseviewer.opening.sources import Kind, files_below, sort_set
+from poseviewer.opening.uploads import MAX_UPLOAD_BYTES, display_name, gather, keep_set
+from poseviewer.starts.start import StartInputs
 from poseviewer.starts.wheels import likely_wheels
 
 

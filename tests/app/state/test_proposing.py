@@ -2,11 +2,11 @@
 
 import json
 from dataclasses import replace
-from html import escape
 from pathlib import Path
 
 import numpy as np
 import pytest
+from lxml import html
 from PIL import Image
 
 from poseviewer.app.page.above_steps import loss_bar
@@ -28,7 +28,6 @@ from poseviewer.app.state.results import ProposedStarts
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import propose_and_fit as made
 from poseviewer.app.workers.jobs import start_query
-from poseviewer.app.workers.opening import open_files
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.files.demo import demo_case
 from poseviewer.files.photo import load_photo
@@ -47,6 +46,7 @@ from tests.app.state.documents import (
     make_document,
     make_photo,
     make_session,
+    open_files,
 )
 from tests.starts.backbone import save_random_backbone
 
@@ -119,7 +119,7 @@ def test_the_one_that_is_pressed_becomes_the_start():
     row = proposals_row(first)
     assert row.count("<image") == row.count("30 %") == 3
     press = {"kind": "start", "index": 2}
-    assert escape(json.dumps(press)) in row
+    assert json.loads(html.fromstring(row).xpath("//@data-report")[2]) == press
     pressed = meaning_of(json.dumps(press))
     assert isinstance(pressed, Edit)
     taken = after(first, pressed)

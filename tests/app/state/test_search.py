@@ -11,7 +11,6 @@ from poseviewer.app.state.results import Landscape, LossComparison, Preparation
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import run_search, search_edits
 from poseviewer.app.workers.maps import refine_maps
-from poseviewer.app.workers.opening import open_files
 from poseviewer.app.workers.overlay import LossReader
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.progress import SearchProgress
@@ -26,6 +25,7 @@ from tests.app.state.documents import (
     make_document,
     make_photo,
     make_session,
+    open_files,
     refused,
 )
 

@@ -14,15 +14,14 @@ from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers import jobs
 from poseviewer.app.workers.maps import MapMaker
-from poseviewer.app.workers.opening import open_files
 from poseviewer.app.workers.tasks import QueuedTask, TaskQueue, TaskResult, upload
 from poseviewer.errors import FileSetError
 from poseviewer.files.demo import demo_case
-from poseviewer.files.state.uploads import pack
+from poseviewer.opening.uploads import pack
 from tests.app.below_viser.socket_page import SocketPage
 from tests.app.running_app import running_app
 from tests.app.state import edits as c
-from tests.app.state.documents import make_session
+from tests.app.state.documents import make_session, open_files
 from tests.scene import Scene
 
 PATIENCE_S = 60.0

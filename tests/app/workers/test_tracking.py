@@ -8,9 +8,9 @@ import pytest
 
 from poseviewer.app.state.frame_edits import edit_frames, step_frame
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import OF_FRAMES, export
-from poseviewer.app.workers.opening import open_files, open_scene
+from poseviewer.app.workers.opening import open_sources
+from poseviewer.app.workers.saving import Autosaver
 from poseviewer.app.workers.tracking import frame_reading, track_edits
 from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import PhotoFileError
@@ -19,10 +19,11 @@ from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.sequence_export import SEQUENCE_FORMATS
 from poseviewer.files.image_sequence import load_sequence
 from poseviewer.geometry.pose_error import pose_error
+from poseviewer.opening.sources import Sources
 from poseviewer.scene.assets import PhotoFile
 from poseviewer.scene.sequence import key_indices, with_frames
 from tests.app.sequences import COUNT, MESH, make_sequence, true_pose, write_sequence
-from tests.app.state.documents import after, assert_same_pose
+from tests.app.state.documents import after, assert_same_pose, open_files
 
 
 def keyed() -> Session:
@@ -120,7 +121,7 @@ def test_a_sequence_is_saved_beside_its_folder_and_opened_again(opened: Session,
     document = opened.document
     other = document.at_frame(0, document.scene.frames[0].file)
     assert saver.file_to_replace(other) is None
-    again = open_scene(path)
+    again = open_sources(Sources(scene=path))
     assert again.scene.frame_index == 1
     assert key_indices(again.scene, "1") == [0, 1]
     assert_same_pose(again.pose, true_pose(1), 1e-6)

@@ -19,13 +19,13 @@ from poseviewer.files.demo import PLACES
 from poseviewer.files.keypoints import is_equal, keypoints_path, load_keypoints, save_keypoints
 from poseviewer.files.masks import mask_paths, save_pose_and_masks
 from poseviewer.files.scene_json import as_saved, pose_json, save_scene
-from poseviewer.files.state.autosave import (
+from poseviewer.files.state.session_file import (
     AutosavedSession,
     SessionFile,
     discard,
     find_abandoned,
 )
-from poseviewer.files.state.uploads import copy_out
+from poseviewer.opening.uploads import copy_out
 from poseviewer.scene.assets import ModelFile, PhotoFile
 
 PERIOD_S = 0.5
