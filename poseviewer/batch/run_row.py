@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from poseviewer.api import AutoStart, FitResult, load
+from poseviewer.api import FitResult, load
 from poseviewer.batch.audit import audit_numbers, draw_comparison
 from poseviewer.batch.job_table import COLUMNS, Job, file_stamp
 from poseviewer.batch.result_folder import (
@@ -32,6 +32,7 @@ from poseviewer.render.renderers import make_renderer
 from poseviewer.scene.assets import ModelFile
 from poseviewer.scene.settings import FitSettings
 from poseviewer.starts.automatic import AUTOMATIC
+from poseviewer.starts.instances import AutoStart
 
 _log = logging.getLogger(__name__)
 

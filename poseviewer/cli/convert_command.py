@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING
 from poseviewer.cli import options as table
 from poseviewer.cli.terminal import say
 from poseviewer.errors import PoseFileError
-from poseviewer.files.formats.conversion import METRES, ConvertOptions
+from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.formats.sequence_export import SEQUENCE_FORMATS
+from poseviewer.files.mesh.size import METRES
 from poseviewer.scene.sequence import as_still
 
 if TYPE_CHECKING:
@@ -115,9 +116,9 @@ def _convert_sequence(
 
 def _request(options: Namespace) -> ConvertOptions:
     """Make the options of the conversion, without the object; refuse missing files."""
-    from poseviewer.files.file_set import is_scene_file
     from poseviewer.files.formats.conversion import require_file
     from poseviewer.files.photo import load_photo
+    from poseviewer.opening.sources import is_scene_file
 
     if options.source_format == _NAMES[0] and is_scene_file(options.source):
         options.source_format = SCENE

@@ -12,17 +12,17 @@ import pytest
 from playwright.sync_api import Browser, Locator
 
 from poseviewer.app.state.document import Document
-from poseviewer.app.state.document_edits import open_document
+from poseviewer.app.state.edits import open_document
 from poseviewer.app.state.frame_edits import edit_frames
 from poseviewer.app.state.objects import add_object
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.opening import open_files
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.image_sequence import load_sequence
 from tests.app.browser import READY, TWO_FRAMES, AppPage
 from tests.app.running_app import RunningApp, running_app
 from tests.app.sequences import CAMERA, write_sequence
 from tests.app.state import edits as c
+from tests.app.state.documents import open_files
 from tests.scene import Scene
 
 pytestmark = pytest.mark.slow

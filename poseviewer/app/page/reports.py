@@ -5,24 +5,32 @@ from dataclasses import dataclass
 from functools import reduce
 from inspect import signature
 from operator import or_
-from typing import Annotated, Literal, get_type_hints
+from typing import Annotated, Literal, TypeVar, get_type_hints
 
 import msgspec
 import numpy as np
 
 from poseviewer.app.state import objects as o
-from poseviewer.app.state.display_edits import enlarge_map
-from poseviewer.app.state.edits import Edit, Px, ReviewRow, SavePose, ShowHelp
+from poseviewer.app.state.edits import (
+    Edit,
+    Px,
+    ReviewRow,
+    SavePose,
+    ShowHelp,
+    cancel_drag,
+    enlarge_map,
+    release,
+)
 from poseviewer.app.state.frame_edits import edit_frames, go_to_frame, step_frame
 from poseviewer.app.state.hiding import Shape, Stroke, bring_back, paint
 from poseviewer.app.state.keys_and_buttons import KEYS
 from poseviewer.app.state.marking import mark_model, turn_model
-from poseviewer.app.state.pointer_edits import cancel_drag, double_press, drag_to, press, release
+from poseviewer.app.state.pointer_edits import double_press, drag_to, press
 from poseviewer.app.state.pose_edits import nudge, pick_in_landscape
-from poseviewer.app.state.proposal_edits import take_start
+from poseviewer.app.state.search_edits import take_start
 from poseviewer.app.workers.tasks import Request, grow
 from poseviewer.errors import printable
-from poseviewer.files.state.uploads import why_not_sent, why_unfit
+from poseviewer.opening.uploads import why_not_sent, why_unfit
 
 FINE = 0.1
 """Factor of nudges with shift."""
@@ -41,6 +49,7 @@ class Theme:
     """Size of text, in times of the usual one."""
 
 
+T = TypeVar("T")
 Meaning = Request | Theme | str | None
 """Meaning of a report: a request, or a sentence for the page that it comes from."""
 
@@ -132,7 +141,7 @@ def meaning_of(report: object, client: int = 0) -> Meaning:
     return ShowHelp(client) if isinstance(meaning, ShowHelp) else meaning
 
 
-def newest_drags(requests: list[Request]) -> list[Request]:
+def newest_drags(requests: list[T]) -> list[T]:
     """The requests without those drags that another one follows at once."""
     is_drag = [isinstance(request, Edit) and request.calls(drag_to) for request in requests]
     pairs = zip(requests, is_drag, [*is_drag[1:], False], strict=False)
