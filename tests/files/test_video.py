@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from poseviewer.files.state.uploads import keep_set, keep_zip, pack
 
 from poseviewer.errors import PhotoFileError
 from poseviewer.files import photo, video, video_decoding
@@ -18,7 +17,7 @@ from poseviewer.files.photo import load_photo
 from poseviewer.files.video import extract_frames, load_record, save_video
 from poseviewer.files.writing import sha256_of
 from poseviewer.opening.sources import files_below, sort_set
-from poseviewer.opening.uploads import keep_zip
+from poseviewer.opening.uploads import keep_set, keep_zip, pack
 from tests.videos import (
     RATE,
     bar_of,
