@@ -31,7 +31,6 @@ from poseviewer.figures.map_archive import LossMaps
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.masks import save_pose_and_masks
 from poseviewer.files.photo import save_image
-from poseviewer.files.photo_sets import LoadedViews, SetChoice
 from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene_json import as_saved, pose_json, save_scene
 from poseviewer.fit.lighting import render_relit
@@ -48,6 +47,9 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.losses.loss import Unexplained
+from poseviewer.opening.photo_sets import LoadedViews, SetChoice
+from poseviewer.opening.scenes import open_scene
+from poseviewer.opening.sources import name_sources
 from poseviewer.render.attributes import AttributeImage, Renderer
 from poseviewer.render.overlay import LOOKS
 from poseviewer.render.overlay.styles import SOLID_OPACITY, ModelInPhoto, Picture, draw_style
@@ -60,8 +62,8 @@ from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import Scene, SceneObject
 from poseviewer.starts.automatic import AUTOMATIC
 from poseviewer.starts.instances import AutoStart
-from poseviewer.starts.loading import FindStart, open_photo_scene, open_scene_files, open_views
-from poseviewer.starts.loading import StartCamera as StartCamera
+from poseviewer.starts.start import FindStart
+from poseviewer.starts.start import StartCamera as StartCamera
 
 
 def load(
@@ -104,26 +106,14 @@ def load(
         raise SettingsError(f"there is no setting {unknown[0]!r}; there are {known}")
     settings = replace(settings or FitSettings(), **changes)
     start = AutoStart() if start == AUTOMATIC else start
-    path = None if isinstance(photo, LoadedViews) else Path(photo)
-    if path is not None and model is None and start is None:
-        _refuse("a scene file", choice=choice, calibration=calibration, mask=mask)
-        scene = open_scene_files(path, settings)
-    elif model is None or start is None:
+    if isinstance(calibration, str | Path):
+        calibration = Calibration(Path(calibration))
+    mask = Path(mask) if isinstance(mask, str) else mask
+    more = {"choice": choice, "calibration": calibration, "mask": mask, "settings": settings}
+    sources = name_sources(photo, model, start, **more)
+    if sources.scene is None and (model is None or start is None):
         raise SettingsError("wanted a photo, or several, with a model and a start; or a scene.")
-    elif choice or path is None or path.suffix.lower() == ".json" or path.is_dir():
-        _refuse("a set of photos", calibration=calibration, mask=mask)
-        if callable(start):
-            raise SettingsError("a start that is searched for with a set of photos; name a pose.")
-        choice = choice or SetChoice()
-        scene = open_views(photo, model, start, settings, choice.view, choice.scale, choice)
-    else:
-        scene = open_photo_scene(path, model, start, settings, calibration, mask)
-    return make_registration(scene, renderer)
-
-
-def _refuse(what: str, **given: object) -> None:
-    if names := [f"{name}=" for name, value in given.items() if value is not None]:
-        raise SettingsError(f"{names[0]} with {what}; leave it out.")
+    return make_registration(open_scene(sources), renderer)
 
 
 def make_registration(

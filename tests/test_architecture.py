@@ -45,6 +45,26 @@ def test_no_thread_outside_the_workers():
         )
 
 
+def test_names_are_imported_from_the_module_that_defines_them():
+    """A name that a module only imports is not taken from there; ``poseviewer`` itself is a door
+    to the library's.
+    """
+    taken = [
+        (path, node.module.replace(".", "/"), alias.name)
+        for path in PACKAGE.rglob("*.py")
+        if path != PACKAGE / "__init__.py"
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.ImportFrom) and node.module
+        for alias in node.names
+    ]
+    imported = {(path.relative_to(REPOSITORY).as_posix(), name) for path, _, name in taken}
+    elsewhere = [
+        (path.name, at, name) for path, at, name in taken if (f"{at}.py", name) in imported
+    ]
+    assert len(taken) > 2000
+    assert elsewhere == []
+
+
 def listed(node: ast.AST) -> set[object]:
     """Names that a call has as keywords, a dict as keys, or a class as fields."""
     if isinstance(node, ast.Call):
@@ -88,7 +108,7 @@ def test_fields_of_an_object_are_listed_in_few_places():
         "scene/types.py: SceneObject",  # the declaration
         "files/scene_json.py: _object_as_saved",  # what files have otherwise than a session
         "files/scene_json.py: scene_of_pose",  # what a pose file says
-        "starts/loading.py: open_views",  # what a pose file says of several photos
+        "opening/scenes.py: _open_views",  # what a pose file says of several photos
         "app/state/objects.py: with_added",  # another object like the active one
     }
 

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from poseviewer.api import load
-from poseviewer.app.workers.opening import open_scene
+from poseviewer.app.workers.opening import open_sources
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.files.masks import mask_as_png
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_assets import load_model, model_file, view_of_file
 from poseviewer.files.scene_json import save_scene
 from poseviewer.geometry.mask import Mask
+from poseviewer.opening.sources import Sources
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.scene.settings import FitSettings, Limits
 from poseviewer.scene.types import Scene as SceneData
@@ -105,6 +106,8 @@ def test_parts_of_a_scene_s_objects_are_left_out_by_the_object_s_id(scene, halve
     )
     path = tmp_path / "two.scene.json"
     save_scene(path, SceneData(views=(view,), objects=objects))
-    opened = open_scene(path, ("a:b:left",)).scene.objects
+    opened = open_sources(
+        Sources(scene=path, settings=FitSettings(without=("a:b:left",)))
+    ).scene.objects
     assert [one.mesh.left_out for one in opened] == [(), ("left",)]
     assert [one.result is None for one in opened] == [False, True]  # found with all of its parts

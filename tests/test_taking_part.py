@@ -74,10 +74,10 @@ def test_hooks_are_local_and_those_of_ci():
 def test_programs_and_files_of_the_guide_are_there():
     text = GUIDE.read_text(encoding="utf-8")
     modules = set(re.findall(r"\b((?:assets|tests)\.\w+(?:\.\w+)+)\b", text))
-    assert len(modules) > 8
+    assert len(modules) > 5
     assert not [name for name in modules if find_spec(name) is None]
     named = set(re.findall(r"[ `]((?:\.ci|assets|poseviewer|tests)/[\w./]+)", text))
-    assert len(named) > 8
+    assert len(named) > 5
     assert not [name for name in named if not (ROOT / name).exists()]
 
 

@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 
 from poseviewer.files.formats.bop import BopObject
 from poseviewer.files.photo import save_image
-from poseviewer.files.photo_sets import LoadedViews
 from poseviewer.files.pose import PoseRecord, save_pose
 from poseviewer.files.scene_assets import view_of_file
 from poseviewer.files.scene_json import save_scene
@@ -23,6 +22,7 @@ from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.symmetry_group import Symmetry, SymmetryAxis
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.opening.photo_sets import LoadedViews
 from poseviewer.scene.assets import PhotoFile
 from poseviewer.scene.types import PlacedModel, Scene, View
 from tests.meshes import make_box, make_bumpy

@@ -14,19 +14,26 @@ import viser
 from poseviewer.app.page.page import Page
 from poseviewer.app.page.reports import newest_drags
 from poseviewer.app.reviewing import Reviewer
-from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.document import Document
-from poseviewer.app.state.edits import AskNumbers, Edit, ReviewRow, SavePose, ShowHelp
+from poseviewer.app.state.edits import (
+    AskNumbers,
+    Edit,
+    ReviewRow,
+    SavePose,
+    ShowHelp,
+    cancel_drag,
+    set_fields,
+    update,
+)
 from poseviewer.app.state.hiding import forget_strokes
-from poseviewer.app.state.pointer_edits import cancel_drag, update
 from poseviewer.app.state.results import Preparation
 from poseviewer.app.state.search_edits import preparation_advanced
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.jobs import has_renderer, preparing, proposing, searching
 from poseviewer.app.workers.maps import mapping
 from poseviewer.app.workers.outlines import outlining
 from poseviewer.app.workers.overlay import drawing, picturing, reading, refining
+from poseviewer.app.workers.saving import Autosaver
 from poseviewer.app.workers.tasks import (
     QueuedTask,
     Request,
@@ -42,9 +49,7 @@ from poseviewer.errors import PoseViewerError, sentence_of
 _log = logging.getLogger(__name__)
 
 IDLE_S = 0.25
-"""Longest period of the loop."""
-BUSY_S = 0.03
-"""Longest period while a search or maps run, whose results the loop polls."""
+"""Longest period of the loop: a drawing or an autosave may be due by then."""
 SWITCH_INTERVAL_S = 0.001
 """Interval of thread switches, below Python's 5 ms, so that the page stays responsive."""
 
@@ -61,26 +66,25 @@ class App:
         features: Path | None = None,
     ) -> None:
         sys.setswitchinterval(SWITCH_INTERVAL_S)
-        self._mailbox: Mailbox[Request] = Mailbox()
+        self._mailbox: Mailbox[Request | TaskResult | Exception] = Mailbox()
         self.session = Session(document, anchor=document.scene, saved=document).with_first_proposals
-        notify = self._mailbox.notify
-        self._tasks = TaskQueue(notify, state)
+        self._tasks = TaskQueue(state)
         self._review = review
         self._autosaver = Autosaver(state)
         self._page = Page(server, self._mailbox.post, self.session, review)
-        self._drawer = drawing(notify)
-        self._searcher = searching()
-        self._mapper = mapping()
-        self._proposer = proposing(notify, features)
+        self._drawer, self._searcher, self._mapper = drawing(), searching(), mapping()
+        self._proposer = proposing(features)
         makers = refining, picturing, reading, outlining, preparing, frame_reading, tracking
         workers = self._autosaver.job, self._drawer, self._proposer, self._searcher, self._mapper
         workers += () if review is None else (review.job,)
-        self._workers = (*workers, *(make(notify) for make in makers))
+        self._workers = (*workers, *(make() for make in makers))
+        for worker in (*self._workers, self._tasks):
+            worker.mailbox = self._mailbox
         self._running, self._failed = True, False
         self._page.tell("Note", *document.scene.notes)
         if self._autosaver.offer is not None:
             self._page.offer(self._autosaver.offer)
-        notify()  # the page is shown at once
+        self._mailbox.notify()  # the page is shown at once
 
     def run(self) -> None:
         """Serve until ``stop``."""
@@ -101,8 +105,7 @@ class App:
 
     def step(self) -> None:
         """Handle requests, run the workers, and show the session."""
-        busy = self._searcher.busy or self._mapper.busy
-        for request in newest_drags(self._mailbox.take(BUSY_S if busy else IDLE_S)):
+        for request in newest_drags(self._mailbox.take(IDLE_S)):
             with self._report_errors():
                 self._handle(request)
         try:
@@ -128,8 +131,12 @@ class App:
                 _log.exception("step")
             self._page.show_error(sentence_of(error))
 
-    def _handle(self, request: Request) -> None:
+    def _handle(self, request: Request | TaskResult | Exception) -> None:
         match request:
+            case Exception():
+                raise request
+            case TaskResult():
+                self._finish(request)
             case Edit():
                 self._edit(request)
                 if request.calls(cancel_drag) and self._tasks.drop():
@@ -172,17 +179,10 @@ class App:
         self._edit(set_fields(saved=self.session.document))
 
     def _work(self) -> None:
-        """Take the workers' edits, and let them begin the session's requests."""
-        with self._report_errors():
-            for result in self._tasks.take():
-                self._finish(result)
+        """Let the workers begin the session's requests."""
         ready = has_renderer(self.session.document.mesh)
         if ready is not (self.session.preparation is None):
             self._edit(preparation_advanced(None if ready else Preparation()))
-        for worker in self._workers:
-            with self._report_errors():
-                for edit in worker.take():
-                    self._edit(edit)
         # By priority: a drag, tasks and proposals, a search, a propagation, maps.
         self._tasks.follow(self.session)
         is_awaited = self._tasks.busy or self._proposer.busy

@@ -5,13 +5,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.document import Document
-from poseviewer.app.state.document_edits import open_document
-from poseviewer.app.state.edits import Edit, ReviewRow
+from poseviewer.app.state.edits import Edit, ReviewRow, open_document, set_fields
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import picture_of, scene_to_save
-from poseviewer.app.workers.opening import open_files, with_notes
+from poseviewer.app.workers.opening import open_sources, with_notes
 from poseviewer.app.workers.tasks import QueuedTask, TaskResult
 from poseviewer.app.workers.worker import Worker
 from poseviewer.batch import review as r
@@ -20,6 +18,7 @@ from poseviewer.batch.run import save_summaries
 from poseviewer.errors import BatchError, PoseViewerError
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_json import as_saved, pose_json
+from poseviewer.opening.sources import Sources
 from poseviewer.render.renderers import RendererName
 
 MAX_NAMED = 3
@@ -155,15 +154,15 @@ class Reviewer:
 
     def _open(self, row: Row) -> Document:
         job, queue = row.job, self.queue
-        photo, model = job.path(job.photo), job.path(job.model)
+        sources = Sources(job.path(job.photo), model=job.path(job.model))
         pose = queue.batch.folder / row.result.pose if row.result.pose else job.path(job.start)
         try:
-            document = open_files(photo, model, pose)
+            document = open_sources(replace(sources, start=pose))
         except PoseViewerError:
             if row.result.pose:
                 raise
             # If only the start fails, a person can place the model.
-            document = open_files(photo, model, None)
+            document = open_sources(sources)
         settings = self.settings
         if queue.batch.is_audit:  # "reset to start" shows the given pose
             given = load_pose(job.path(job.start)).pose

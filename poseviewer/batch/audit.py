@@ -108,10 +108,11 @@ def save_audited(batch: Batch, rows: Sequence[Row]) -> None:
     write_whole(batch.folder / AUDITED, text.getvalue().encode(), BatchError)
 
 
-def audit_numbers(fit: FitResult, is_hidden: bool = False) -> dict[str, Any]:
+def audit_numbers(fit: FitResult, is_hidden: bool = False, question: str = "") -> dict[str, Any]:
     """Compare the pose found with the given one: the fields of ``JobResult`` for an audit.
 
-    Nothing is found about an object that ``is_hidden`` in the photo.
+    Nothing is found about an object that ``is_hidden`` in the photo, and none is ``unexplained``
+    by its pose where there is a ``question`` about its files.
     """
     given, symmetry = fit.start, fit.object.symmetry
     before = judge_end(replace(FitProgress.at_start(given.problem), loss=given.loss), fit.renderer)
@@ -123,8 +124,9 @@ def audit_numbers(fit: FitResult, is_hidden: bool = False) -> dict[str, Any]:
         deviations = round(count_deviations(fit.covariance, nearest), 2)
     finding = find_finding(labels, deviations, fit.progress.start_unexplained)
     is_near, is_known = moved.percent <= MIN_MOVED_PERCENT, math.isfinite(moved.percent)
+    is_open = is_near or is_hidden or (bool(question) and finding == UNEXPLAINED)
     return {
-        "finding": "" if is_near or is_hidden else finding,
+        "finding": "" if is_open else finding,
         "moved_percent": round(moved.percent, 3) if is_known else None,
         "moved_px": round(moved.reprojection_px, 3) if is_known else None,
         "moved_deviations": None if math.isnan(deviations) else deviations,

@@ -1,17 +1,18 @@
 """A sequence as a batch: a row for each chain of frames from one key to the next.
 
-A row's start is a scene file of its frames alone, its result the same with the propagated poses.
-``scene.json`` is the whole sequence, with the poses of all rows so far.
+All rows start from ``scene.json``; a row's result is a scene of its frames alone. In the end
+``scene.json`` has the poses of all rows so far.
 """
 
 import hashlib
 import time
 from collections import Counter
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 from poseviewer.api import make_registration
-from poseviewer.batch.job_table import KEY_LENGTH, Job
+from poseviewer.batch.job_table import KEY_LENGTH, Job, file_stamp
 from poseviewer.batch.result_folder import (
     PICTURES,
     POSES,
@@ -31,12 +32,11 @@ from poseviewer.files.photo import save_image
 from poseviewer.files.scene_json import as_saved, load_scene, save_scene, scene_contents
 from poseviewer.files.writing import make_folder, require_replaceable, write_whole
 from poseviewer.fit.propagation import FrameStep, find_chains
+from poseviewer.opening.scenes import open_scene
+from poseviewer.opening.sources import Sources
 from poseviewer.scene.sequence import remove_propagated, require_keys, show_frame
 from poseviewer.scene.types import Scene
-from poseviewer.starts.loading import open_scene_files
 
-CHAINS = "chains"
-"""Subfolder of the scene files that the rows start from."""
 SEQUENCE = "scene.json"
 """File of the sequence with all poses so far."""
 POSE_TABLE = "poses.csv"
@@ -59,22 +59,31 @@ def open_chains(scene: Scene, folder: str | Path) -> tuple[Scene, Batch]:
     chains = find_chains(scene, 0, last, range(len(scene.objects)))
     for item in scene.objects:
         scene = remove_propagated(scene, item.id, 0, last)
-    for name in (ROWS, POSES, PICTURES, CHAINS):
+    for name in (ROWS, POSES, PICTURES):
         make_folder(folder / name, BatchError)
     for name in (SEQUENCE, POSE_TABLE, TABLE):
         require_replaceable(folder / name, BatchError)
     save_scene(folder / SEQUENCE, as_saved(scene))
     for row, (first, end) in enumerate(chains, 1):
-        part = replace(scene, frames=scene.frames[first : end + 1])
-        keyed = (index for index, frame in enumerate(part.frames) if frame.poses)
-        part = show_frame(part, next(keyed, 0))
-        start = f"{CHAINS}/{first:06d}-{end:06d}.json"
-        contents = scene_contents(folder / start, as_saved(part))
-        save_scene(folder / start, as_saved(part))
-        key = hashlib.sha256(b"".join(contents.values())).hexdigest()[:KEY_LENGTH]
+        part = as_saved(_part(scene, (first, end)))
+        contents = b"".join(scene_contents(folder / SEQUENCE, part).values())
+        key = hashlib.sha256(contents).hexdigest()[:KEY_LENGTH]
         name = scene.frames[first].file.name
-        jobs.append(Job(row, name, "", start, str(folder), key))
+        jobs.append(Job(row, name, "", SEQUENCE, str(folder), key, frames=(first, end)))
     return scene, Batch(folder, tuple(jobs))
+
+
+def _part(scene: Scene, ends: tuple[int, int]) -> Scene:
+    """The frames of a chain alone; the first with poses is shown."""
+    part = replace(scene, frames=scene.frames[ends[0] : ends[1] + 1])
+    keyed = (index for index, frame in enumerate(part.frames) if frame.poses)
+    return show_frame(part, next(keyed, 0))
+
+
+@lru_cache(maxsize=1)
+def _open_sequence(path: Path, _stamp: tuple[int, int]) -> Scene:
+    """Open the sequence, which all chains share that a process runs."""
+    return open_scene(Sources(scene=path))
 
 
 def run_chain(job: Job, plan: Batch, threads: int = 1) -> JobResult:
@@ -96,7 +105,9 @@ def run_chain(job: Job, plan: Batch, threads: int = 1) -> JobResult:
             saved = time.monotonic()
 
     try:
-        chain = make_registration(open_scene_files(job.path(job.start)))
+        start = job.path(job.start)
+        sequence = _open_sequence(start, file_stamp(start))
+        chain = make_registration(_part(sequence, job.frames))
         end = chain.track(watch=watch, threads=threads)
         save_scene(plan.folder / pose_name, as_saved(end.scene))
         picture = shrink_picture(end.picture())
@@ -129,9 +140,9 @@ def save_sequence(scene: Scene, batch: Batch) -> tuple[Scene, list[str]]:
     rows, frames = batch.rows(), list(scene.frames)
     for job in batch.jobs:
         pose_name, _ = result_files(job)
-        first = int(Path(job.start).stem.split("-")[0])
         if (batch.folder / pose_name).exists():
-            for index, frame in enumerate(load_scene(batch.folder / pose_name).frames, first):
+            part = load_scene(batch.folder / pose_name)
+            for index, frame in enumerate(part.frames, job.frames[0]):
                 poses = {**frame.poses, **frames[index].poses}
                 frames[index] = replace(frames[index], poses=poses)
     scene = show_frame(replace(scene, frames=tuple(frames)), scene.frame_index)

@@ -48,6 +48,8 @@ class Job:
     """Why the row cannot be fitted, as far as who made it knows; or empty."""
     is_hidden: bool = False
     """Whether the scene says that nothing of the object is visible in the photo."""
+    frames: tuple[int, int] = (0, 0)
+    """Indices of the first and last frame of a chain of a sequence."""
 
     def path(self, text: str) -> Path:
         """Return the absolute path of a file that the row names."""

@@ -248,7 +248,13 @@ def lock_folder(folder: Path) -> Iterator[None]:
                     "folder of results. What is done is not done twice."
                 )
             stack.enter_context(lock)
+            stack.callback(_remove_lock, folder)  # while it is held
         yield
+
+
+def _remove_lock(folder: Path) -> None:
+    with suppress(OSError):  # Windows removes no file that is open
+        (folder / LOCK).unlink()
 
 
 def load_result(folder: Path, key: str) -> JobResult | None:

@@ -27,13 +27,13 @@ from poseviewer.batch.result_folder import (
 from poseviewer.batch.run_row import run_row
 from poseviewer.cluster import run_on_cluster
 from poseviewer.errors import BatchError
-from poseviewer.files.file_set import is_scene_file
 from poseviewer.files.writing import make_folder, require_replaceable
+from poseviewer.opening.sources import is_scene_file
 from poseviewer.processes import run_in_processes
 from poseviewer.render.pool import processors
 from poseviewer.scene.settings import FitSettings
 from poseviewer.starts.automatic import AUTOMATIC
-from poseviewer.starts.patch_features import PatchEncoder
+from poseviewer.starts.dino_features import PatchEncoder
 
 DIED = "each process that fitted it died; is there memory enough for the photo and the model?"
 """Reason of a row whose processes ended without a result."""

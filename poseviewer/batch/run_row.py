@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from poseviewer.api import AutoStart, FitResult, load
+from poseviewer.api import FitResult, load
 from poseviewer.batch.audit import audit_numbers, draw_comparison
 from poseviewer.batch.job_table import COLUMNS, Job, file_stamp
 from poseviewer.batch.result_folder import (
@@ -32,6 +32,7 @@ from poseviewer.render.renderers import make_renderer
 from poseviewer.scene.assets import ModelFile
 from poseviewer.scene.settings import FitSettings
 from poseviewer.starts.automatic import AUTOMATIC
+from poseviewer.starts.instances import AutoStart
 
 _log = logging.getLogger(__name__)
 
@@ -58,7 +59,7 @@ def run_row(job: Job, plan: Batch) -> JobResult:
         question = _ask_unit(job, plan)
         fit = _fit(job, plan)
         picture = draw_comparison(fit) if plan.is_audit else shrink_picture(fit.picture())
-        more = audit_numbers(fit, job.is_hidden) if plan.is_audit else {}
+        more = audit_numbers(fit, job.is_hidden, question) if plan.is_audit else {}
         pose_bytes(Path(job.photo), fit.record)  # a number that no file can have is the row's
     except PoseViewerError as error:
         return save_failure(plan.folder, job, str(error), question)

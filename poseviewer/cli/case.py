@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from argparse import Namespace
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,10 +18,10 @@ from poseviewer.scene.settings import FitSettings, Limits
 if TYPE_CHECKING:  # help texts come before all that
     from poseviewer.api import Registration
     from poseviewer.files.cameras import Calibration
-    from poseviewer.files.file_set import FileSet
     from poseviewer.files.image_sequence import ImageSequence
+    from poseviewer.opening.sources import Sources
     from poseviewer.starts.instances import AutoStart
-    from poseviewer.starts.loading import FindStart
+    from poseviewer.starts.start import FindStart
 
 SAYS = "with {}, which says it itself; leave it out"
 """Reason for refusing an option whose value the named file has."""
@@ -60,30 +61,33 @@ def calibration_of(options: Namespace) -> Calibration | None:
     return table.make(Calibration, options, path=options.calibration)
 
 
-def sort_named_files(options: Namespace) -> FileSet:
-    """Sort the files that the options name, and refuse those that exclude each other."""
-    from poseviewer.files.file_set import FileSet, ModelFiles, is_scene_file
+def name_files(options: Namespace) -> Sources:
+    """Return the files that the options name, and refuse those that exclude each other."""
+    from poseviewer.opening.photo_sets import SetChoice
+    from poseviewer.opening.sources import Sources, is_scene_file, name_sources
 
-    photo = options.photo
-    model = options.model
-    views = options.views
+    photo, model, views = options.photo, options.model, options.views
     if views is not None:
         table.refuse(options, (table.OBJECT, *table.OF_A_PHOTO), SAYS.format("--views"))
         if model is not None or photo is None:
             raise SettingsError("--views SET wants MODEL alone: the set says the photos")
-        return FileSet(models=(ModelFiles(photo),), pose=options.pose, views=views)
+        return name_sources(views, photo, options.pose, choice=table.make(SetChoice, options))
     table.refuse(options, table.OF_VIEWS, "without --views; leave it out, or name a set of photos")
     is_json = model is None and photo is not None and photo.suffix.lower() == ".json"
     if photo is not None and (is_json or is_scene_file(photo)):
         table.refuse(options, (*table.STARTS, *table.OF_A_PHOTO), SAYS.format(photo.name))
         if model is not None:
             raise SettingsError(f"{photo}: a scene file says its models; leave out MODEL")
-        return FileSet(scene=photo)
+        return Sources(scene=photo)
     table.refuse(options, (table.OBJECT,), "without a scene; leave it out, or name a scene file")
-    return FileSet(photo, models=(ModelFiles(model),) if model else (), pose=options.pose)
+    if photo is None or model is None:
+        return Sources(photo, start=options.pose)
+    return name_sources(photo, model, options.pose)
 
 
-def load_named_sequence(options: Namespace, frames: Sequence[Path]) -> ImageSequence:
+def load_named_sequence(
+    options: Namespace, frames: Sequence[Path] | ImageSequence
+) -> ImageSequence:
     """Load the frames of a sequence, or of its video, by the options of ``table.SEQUENCE``."""
     from poseviewer.files.image_sequence import load_sequence
 
@@ -97,10 +101,13 @@ def load_named_sequence(options: Namespace, frames: Sequence[Path]) -> ImageSequ
 
 def load_named(options: Namespace) -> Registration:
     """Load the files that the options name, and choose the object."""
-    from poseviewer.api import AutoStart, SetChoice, StartCamera, load
+    from poseviewer.api import make_registration
+    from poseviewer.opening.scenes import open_scene
+    from poseviewer.starts.instances import AutoStart
+    from poseviewer.starts.start import StartCamera
 
     settings = make_settings(options)
-    files = sort_named_files(options)
+    files = name_files(options)
     given = vars(options)
     if settings.renderer != "opengl":
         tell_of_compiling()
@@ -112,25 +119,12 @@ def load_named(options: Namespace) -> Registration:
     parallel = given.get("projection") == "parallel"
     camera = StartCamera(parallel, given.get("focal"), options.free_focal)
     with progress_bar(None, options.quiet) as bar:
-        auto = AutoStart(
-            given.get("box"),
-            given.get("instances") or 1,
-            camera,
-            bar.update,
-            given.get("features"),
-        )
+        number, features = given.get("instances") or 1, given.get("features")
+        auto = AutoStart(given.get("box"), number, camera, bar.update, features)
         start = None if files.scene else _start_of(options, auto)
-        photo = files.scene or files.views or files.photo
-        assert photo is not None  # ``_start_of`` refuses that
-        registration = load(
-            photo,
-            files.models[0].path if files.models else None,
-            start,
-            settings,
-            choice=table.make(SetChoice, options) if files.views else None,
-            calibration=calibration_of(options),
-            mask=options.mask,
-        )
+        more = {"calibration": calibration_of(options), "mask": options.mask}
+        sources = replace(files, start=start, settings=settings, **more)
+        registration = make_registration(open_scene(sources))
     if files.scene is not None and given.get("object"):
         registration = registration[options.object]
     for note in () if options.quiet else registration.notes:

@@ -4,6 +4,7 @@ assets/docs/formats.md.
 
 from __future__ import annotations
 
+import re
 from argparse import Namespace
 from dataclasses import replace
 from functools import partial
@@ -12,9 +13,10 @@ from typing import TYPE_CHECKING
 from poseviewer.cli import options as table
 from poseviewer.cli.terminal import say
 from poseviewer.errors import PoseFileError
-from poseviewer.files.formats.conversion import METRES, ConvertOptions
+from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.formats.sequence_export import SEQUENCE_FORMATS
+from poseviewer.files.mesh.size import METRES
 from poseviewer.scene.sequence import as_still
 
 if TYPE_CHECKING:
@@ -37,6 +39,9 @@ _WRITE = (
     f"write this format: {', '.join(_NAMES)}, or of a sequence {', '.join(_OF_SEQUENCES)} "
     "(default: %(default)s)"
 )
+_OBJECT = "choose this object of several, and say its number in BOP; repeat for more (default: all)"
+NUMBERED = re.compile(r"(.+)=([0-9]{1,18})")
+"""Object's id and its number in BOP."""
 OPTIONS = {
     "": (
         table.option("source POSE|SCENE", "pose or scene, of this or another tool"),
@@ -48,9 +53,7 @@ OPTIONS = {
         table.option("--photo-size WIDTHxHEIGHT", "set this size, in px (default: --photo's)"),
         table.option("--unit", "set the model's length unit (default: POSE's)", tuple(METRES)),
         table.option("--image NAME|NUMBER", "choose this image of several (default: the only one)"),
-        table.option(
-            "--object ID|NUMBER", "choose this object of several (default: all)", dest="object_id"
-        ),
+        table.option("--object ID|NUMBER|ID=NUMBER", _OBJECT, action="append", dest="object_id"),
         table.option("--calibration FILE", "read a bare matrix's camera here (default: none)"),
         table.LENS_MODEL,
         *MATRIX_OPTIONS,
@@ -113,9 +116,9 @@ def _convert_sequence(
 
 def _request(options: Namespace) -> ConvertOptions:
     """Make the options of the conversion, without the object; refuse missing files."""
-    from poseviewer.files.file_set import is_scene_file
     from poseviewer.files.formats.conversion import require_file
     from poseviewer.files.photo import load_photo
+    from poseviewer.opening.sources import is_scene_file
 
     if options.source_format == _NAMES[0] and is_scene_file(options.source):
         options.source_format = SCENE
@@ -135,15 +138,18 @@ def _request(options: Namespace) -> ConvertOptions:
 def _source(options: Namespace, request: ConvertOptions) -> tuple[Scene, ConvertOptions]:
     """Read the source, and choose the objects."""
     scene = _read(options, request) if options.source_format == SCENE else None
-    is_number = (options.object_id or "").isdecimal()
-    if scene and options.object_id and (len(scene.objects) > 1 or not is_number):
-        chosen = scene.objects[scene.index(options.object_id)]
-        return replace(scene, objects=(chosen,)), request
-    if options.object_id:
-        if not is_number:
-            raise PoseFileError(f"--object {options.object_id}: wanted the object's number in BOP.")
-        request = replace(request, object_id=int(options.object_id))
-    return scene or _read(options, request), request
+    asked: list[str] = options.object_id or []
+    if len(asked) == 1 and asked[0].isdecimal() and (scene is None or len(scene.objects) == 1):
+        request = replace(request, object_id=int(asked[0]))
+        asked = []
+    scene = scene or _read(options, request)
+    if not asked:
+        return scene, request
+    matches = [(text, NUMBERED.fullmatch(text)) for text in asked]
+    numbers = {match[1] if match else text: match and int(match[2]) for text, match in matches}
+    chosen = tuple(scene.objects[scene.index(name)] for name in numbers)
+    request = replace(request, object_ids=tuple(numbers.values()))
+    return replace(scene, objects=chosen), request
 
 
 def _read(options: Namespace, request: ConvertOptions) -> Scene:

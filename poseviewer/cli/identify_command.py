@@ -5,6 +5,7 @@ All models need the same coordinate frame, since each begins at the same start.
 from __future__ import annotations
 
 from argparse import Namespace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from poseviewer.cli import options as table
@@ -34,13 +35,12 @@ EXAMPLES = (
 def run(options: Namespace) -> int:
     """Print which model explains the photo best."""
     from poseviewer.fit.identification import identify
-    from poseviewer.starts.loading import open_photo_scene
+    from poseviewer.opening.scenes import open_scene
+    from poseviewer.opening.sources import Sources
 
     settings = make_settings(options)
-    opened = [
-        open_photo_scene(options.photo, model, options.start, settings, None, options.mask)
-        for model in options.models
-    ]
+    files = Sources(options.photo, start=options.start, mask=options.mask, settings=settings)
+    opened = [open_scene(replace(files, model=model)) for model in options.models]
     if not options.quiet:
         for warning in dict.fromkeys(note for scene in opened for note in scene.notes):
             tell(f"note: {table.in_options(warning, OPTIONS)}")

@@ -47,9 +47,9 @@ EXAMPLES = ("poseviewer info car.glb", "poseviewer info photo.jpg --calibration 
 
 def run(options: Namespace) -> int:
     """Print what was understood of a file, by its ending; with a calibration it is a photo."""
-    from poseviewer.files.file_set import is_scene_file
     from poseviewer.files.mesh.load import READERS
     from poseviewer.files.photo import ENDINGS, RAW_ENDINGS
+    from poseviewer.opening.sources import is_scene_file
 
     path, calibration = options.path, calibration_of(options)
     suffix = path.suffix.lower() if calibration is None else ""

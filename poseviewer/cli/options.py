@@ -56,7 +56,7 @@ RECTANGLE = "LEFT,TOP,WIDTH,HEIGHT"
 READERS: Mapping[str, Callable[[str], Any]] = {
     **dict.fromkeys(("ADDRESS", "HOST", "PART", "PATTERN", "REAR;FRONT"), str),
     **dict.fromkeys(
-        ("ID", "ID|NUMBER", "NAME", "NAME|NUMBER"),
+        ("ID", "ID|NUMBER|ID=NUMBER", "NAME", "NAME|NUMBER"),
         _value(str, "a name of at most 255 characters", lambda text: len(text) < 256),
     ),
     **dict.fromkeys(("LENGTHS", "PX", "SECONDS", "SHARE"), positive),

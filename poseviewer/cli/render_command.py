@@ -27,14 +27,15 @@ def run(options: Namespace) -> int:
     """Write the pictures, all or none."""
     from dataclasses import replace
 
-    from poseviewer.figures.object_maps import INFO, pictures_of_objects, save_pictures
+    from poseviewer.figures.object_maps import pictures_of_objects, save_pictures
     from poseviewer.files.checks import InputFile
-    from poseviewer.files.file_set import is_scene_file
+    from poseviewer.files.formats.bop import INFO
     from poseviewer.files.formats.conversion import ConvertOptions, require_file
     from poseviewer.files.mesh.size import distance_notes
     from poseviewer.files.pose import load_pose
     from poseviewer.files.scene_assets import model_file
     from poseviewer.files.scene_json import load_scene, scene_of_pose
+    from poseviewer.opening.sources import is_scene_file
 
     path = options.scene
     scene = load_scene(path) if is_scene_file(path) else scene_of_pose(path, load_pose(path))

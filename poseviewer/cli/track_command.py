@@ -81,7 +81,8 @@ def _open(options: Namespace) -> Scene:
     """Open the sequence, with its keys."""
     from poseviewer.files.image_sequence import images_in
     from poseviewer.files.scene_assets import check_frames
-    from poseviewer.starts.loading import open_scene_files, open_sequence
+    from poseviewer.opening.scenes import open_scene
+    from poseviewer.opening.sources import Sources
 
     path = options.photo
     if options.model is None:
@@ -90,11 +91,12 @@ def _open(options: Namespace) -> Scene:
         table.refuse(
             options, of_frames, f"without MODEL; leave it out, or name {path.name}'s model"
         )
-        scene = open_scene_files(path)
+        scene = open_scene(Sources(scene=path))
         return replace(scene, notes=(*scene.notes, *check_frames(scene)))
     if options.pose is None:
         raise SettingsError("a key is wanted: give --pose, the pose in the first frame")
-    sequence = load_named_sequence(options, images_in(path) if path.is_dir() else [path])
+    frames = load_named_sequence(options, images_in(path) if path.is_dir() else [path])
     how = {"calibration": calibration_of(options), "key": (options.key or 1) - 1}
     how |= {"mask": options.mask, "mask_all_frames": options.mask_all_frames}
-    return open_sequence(sequence, options.model, options.pose, **how)
+    sources = Sources(frames=frames, model=options.model, start=options.pose, **how)
+    return open_scene(sources)

@@ -10,10 +10,10 @@ from pathlib import Path
 from msgspec import Struct
 
 from poseviewer.errors import SettingsError
-from poseviewer.files.checks import InputFile
+from poseviewer.files.checks import InputFile, Positive
 from poseviewer.files.formats.bop_models import BopModel
 from poseviewer.files.photo import load_photo
-from poseviewer.files.structs import CameraNumbers, Positive, Transform
+from poseviewer.files.structs import CameraNumbers, Transform
 from poseviewer.geometry.camera import Pose
 
 CASES = "cases.json"

@@ -33,6 +33,8 @@ from poseviewer.geometry.pose_error import pose_error
 from poseviewer.losses.known_losses import LOSSES
 from poseviewer.losses.loss import LossName
 from poseviewer.losses.paper_loss import lighting_loss
+from poseviewer.opening.scenes import open_scene
+from poseviewer.opening.sources import Sources
 from poseviewer.render.attributes import PhotoAttributes, Renderer
 from poseviewer.render.opengl import opengl_renderer_name
 from poseviewer.render.pool import ITEMS_PER_CHUNK, RendererPool, processors
@@ -41,7 +43,6 @@ from poseviewer.render.renderers import RendererName, make_renderer
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.scene.settings import FitSettings, Limits
 from poseviewer.scene.types import Scene
-from poseviewer.starts.loading import open_photo_scene
 
 PACKAGES = ("poseviewer", "numpy", "numba", "scipy", "pyrender")
 """Packages whose versions are told."""
@@ -130,7 +131,7 @@ class Demo(NamedTuple):
 def load_demo() -> Demo:
     """Load the bundled demo and its true pose."""
     files = demo_case()
-    scene = open_photo_scene(files.photo, files.model, files.start)
+    scene = open_scene(Sources(files.photo, model=files.model, start=files.start))
     photo = scene.views[0].photo
     return Demo(scene, load_pose(files.truth, photo.width, photo.height).pose)
 

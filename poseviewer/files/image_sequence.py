@@ -29,13 +29,13 @@ class ImageSequence:
 
 
 def load_sequence(
-    source: str | Path | Sequence[Path], every: int = 1, folder: Path | None = None,
+    source: str | Path | Sequence[Path] | ImageSequence, every: int = 1, folder: Path | None = None,
     progress: Callable[[float], object] | None = None,
 ) -> ImageSequence:  # fmt: skip
     """Load the frames of a sequence. An image that cannot be read is left out with a note.
 
     Args:
-        source: folder of images, their files, or a video; as ``FileSet.frames`` has them, too.
+        source: folder of images, their files, a video, or a sequence, which is returned as it is.
         every: take the first frame, and every N-th after it.
         folder: where a video's frames are kept; None: as of ``extract_frames``.
         progress: is given the share of a video that has been read, now and then.
@@ -43,6 +43,8 @@ def load_sequence(
     Raises:
         PhotoFileError: there are no frames, or they differ in size or orientation.
     """
+    if isinstance(source, ImageSequence):
+        return source
     if not isinstance(source, str | Path):
         paths = sorted((path.absolute() for path in source), key=natural_order)
         if paths[0].suffix.lower() not in VIDEOS:

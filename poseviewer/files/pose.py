@@ -11,7 +11,7 @@ from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import PoseFileError
 from poseviewer.files import structs as s
-from poseviewer.files.checks import InputFile
+from poseviewer.files.checks import InputFile, Number
 from poseviewer.files.symmetry import SymmetryTurns
 from poseviewer.files.writing import json_bytes, write_whole
 from poseviewer.geometry.camera import Pose
@@ -37,14 +37,14 @@ class PoseRecord(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
     camera_from_model: s.Transform
     photo: s.PhotoReference | None = None
     model: s.ModelReference | None = None
-    loss: s.Number | None = None
-    unexplained: s.Number | None = None
+    loss: Number | None = None
+    unexplained: Number | None = None
     settings: dict[str, Any] | None = None
     software: dict[str, Any] | None = None
     verdict: Verdict | None = None
     uncertainty: s.Uncertainty | None = None
     without: tuple[str, ...] = ()
-    seen: s.Number | None = None
+    seen: Number | None = None
     occluders: str | None = None
     notes: tuple[str, ...] = ()
     turns: SymmetryTurns | None = field(name="symmetry", default=None)

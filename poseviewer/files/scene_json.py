@@ -21,7 +21,7 @@ from msgspec import Meta, Struct, defstruct, structs
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.errors import PoseFileError, printable
 from poseviewer.files import structs as s
-from poseviewer.files.checks import MAX_DATA_BYTES, InputFile, is_there
+from poseviewer.files.checks import MAX_DATA_BYTES, InputFile, Number, Pixels, Positive, is_there
 from poseviewer.files.masks import INLINE, load_mask, mask_text
 from poseviewer.files.mesh.named import bare_name
 from poseviewer.files.pose import PoseRecord
@@ -52,7 +52,7 @@ KIND = "scene file"
 VERSION = 2
 SOFTWARE = {"name": "poseviewer", "version": version("poseviewer")}
 """The program, as files name what wrote them."""
-Region = Annotated[tuple[s.Number, ...], Meta(min_length=4, max_length=4)]
+Region = Annotated[tuple[Number, ...], Meta(min_length=4, max_length=4)]
 Named = Callable[[str, str], str]
 """A file's name in another place; the second argument says where in the scene it stands."""
 FILES = ("file", "mask", "masks", "occluders")
@@ -67,8 +67,8 @@ class PhotoPath(Struct, frozen=True, omit_defaults=True):
     """The photo's file, seen from the scene's folder, its size in px, and its fingerprint."""
 
     file: str
-    width: s.Pixels
-    height: s.Pixels
+    width: Pixels
+    height: Pixels
     sha256: s.Sha256 | None = None
 
     @classmethod
@@ -93,7 +93,7 @@ class ModelPath(Struct, frozen=True, omit_defaults=True):
 class Place(s.Transform, frozen=True, omit_defaults=True):
     """x_in_world = scale * rotation @ x_in_model + translation, in the world's unit."""
 
-    scale: s.Positive = 1.0
+    scale: Positive = 1.0
 
 
 class ViewJson(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
@@ -142,7 +142,7 @@ def _same(value: Any) -> Any:
 
 
 FORMS: dict[Any, JsonForm] = {
-    float: JsonForm(s.Number, _same, _same),
+    float: JsonForm(Number, _same, _same),
     # A camera is one of a photo, whose size ``_complete`` gives it.
     Camera: JsonForm(
         s.CameraNumbers, s.CameraNumbers.of,

@@ -10,9 +10,8 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct
 
 from poseviewer.errors import MeshFileError
-from poseviewer.files.checks import InputFile
+from poseviewer.files.checks import InputFile, Three
 from poseviewer.files.formats.bop_models import MODELS_INFO, Axis, load_bop_models
-from poseviewer.files.structs import Three
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.symmetry_group import MAX_FOLD, NO_SYMMETRY, Symmetry, SymmetryAxis
 

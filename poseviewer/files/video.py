@@ -126,10 +126,10 @@ def extract_frames(
         if known.has(every) and all(_is_frame(folder / name) for name in known.names(every)):
             if known != stored:  # a copy of the video, with another time
                 with suppress(PhotoFileError):
-                    write_json(folder / RECORD, known, PhotoFileError, indent=0)
+                    _save_record(folder, known)
             return folder, known
         make_folder(folder, PhotoFileError)
-        write_json(folder / RECORD, structs.replace(known, every=()), PhotoFileError)
+        _save_record(folder, structs.replace(known, every=()))
         try:
             known = _read(file, every, folder, known, progress or (lambda _: None))
         finally:
@@ -137,7 +137,7 @@ def extract_frames(
                 (folder / RECORD).unlink()
                 with suppress(OSError):
                     folder.rmdir()
-        write_json(folder / RECORD, known, PhotoFileError, indent=0)
+        _save_record(folder, known)
         return folder, known
 
 
@@ -186,6 +186,11 @@ def load_record(folder: Path) -> VideoRecord | None:
     with suppress(PoseViewerError):
         return file.decode(file.load_object(), VideoRecord)
     return None
+
+
+def _save_record(folder: Path, record: VideoRecord) -> None:
+    """Write the record of a folder; it is our own, even where it came in with the user's files."""
+    write_json(folder / RECORD, record, PhotoFileError, indent=0, is_own=True)
 
 
 def _read(

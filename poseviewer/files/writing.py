@@ -3,13 +3,14 @@
 import hashlib
 import json
 import os
+import re
 import secrets
 import sys
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import IO, Any
 
 import msgspec
@@ -18,6 +19,11 @@ from poseviewer.errors import PoseFileError, PoseViewerError
 
 OLD_PART_S = 600.0
 """Age (s) of a file half written at which nobody writes it any more."""
+MAX_PART_LETTERS = 100
+"""Characters of a name on disk: file systems take 255 bytes."""
+NO_NAME = '<>:"|?*'
+"""Characters that names cannot hold on Windows."""
+RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 _kept: set[tuple[int, int, int]] = set()
 """Device, inode and time of the user's own files that were read."""
 
@@ -102,7 +108,9 @@ def write_whole(
             temporary.unlink()
 
 
-def write_json(path: Path, data: Any, error: type[PoseViewerError], *, indent: int = 2) -> None:
+def write_json(
+    path: Path, data: Any, error: type[PoseViewerError], *, indent: int = 2, is_own: bool = False
+) -> None:
     """Write what JSON can hold, in UTF-8, as ``write_whole`` does.
 
     Args:
@@ -110,8 +118,9 @@ def write_json(path: Path, data: Any, error: type[PoseViewerError], *, indent: i
         data: its entries.
         error: type of the error where it cannot be written.
         indent: spaces of a level.
+        is_own: whether a file that was read may be replaced.
     """
-    write_whole(path, json_bytes(path, data, error, indent=indent), error)
+    write_whole(path, json_bytes(path, data, error, indent=indent), error, is_own=is_own)
 
 
 def json_bytes(
@@ -169,6 +178,8 @@ def lock_file(path: Path) -> IO[bytes] | None:
             import fcntl
 
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if not os.fstat(file.fileno()).st_nlink:  # its holder removed it as it ended
+                raise BlockingIOError
     except (BlockingIOError, PermissionError):
         file.close()
         return None
@@ -196,3 +207,17 @@ def sha256_of(path: str | Path) -> str:
     """
     with Path(path).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def safe_path(name: str) -> PurePosixPath:
+    """A path from a browser or a zip as one that any system can have, and that never leads out."""
+    parts = [_safe_part(part) for part in re.split(r"[/\\]", name)]
+    return PurePosixPath(*[part for part in parts if part] or ["unnamed"])
+
+
+def _safe_part(part: str) -> str:
+    part = "".join(c if c.isprintable() and c not in NO_NAME else "_" for c in part).strip()
+    part = part.rstrip(". ")
+    if len(part) > MAX_PART_LETTERS:
+        part = f"{part[: MAX_PART_LETTERS // 2]}{part[-MAX_PART_LETTERS // 2 :]}"
+    return f"_{part}" if RESERVED.fullmatch(part) else part

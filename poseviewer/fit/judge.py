@@ -19,6 +19,7 @@ from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose, level_pose
 from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.optimise.nelder_mead import Descent
 from poseviewer.render.attributes import AttributeImage, Renderer
 from poseviewer.render.pyramid.levels import model_mask, visible_fraction
 
@@ -38,18 +39,10 @@ RETURNS = 4
 """Number of descents from poses near by, which should return to the pose."""
 RETURN_DISTANCE = 0.15
 """Distance of the returns' starts: radians, or fraction of the radius."""
-RETURN_EDGE = 0.08
-"""Edge of the returns' first simplex, in units of ``RETURN_DISTANCE``."""
-RETURN_EVALUATIONS = 60
-"""Evaluations of a return: enough to come back to a clear minimum."""
-MINIMUM_EDGE = 0.03
-"""Edge of the simplex from the pose itself: the coarse minimum is a little beside the photo's."""
-MINIMUM_EVALUATIONS = 50
-"""Evaluations of the descent from the pose itself, which begins nearer than the returns."""
-TURN_EDGE = 0.08
-"""Edge of the first simplex from a turned pose, as in the returns."""
-TURN_EVALUATIONS = 60
-"""Evaluations of a descent from a turned pose, as in the returns."""
+RETURN = Descent(edge=0.08, evaluations=60)
+"""A return, or a descent from a turned pose: long enough to come back to a clear minimum."""
+FROM_POSE = Descent(edge=0.03, evaluations=50)
+"""Descent from the pose itself: the coarse minimum is a little beside the photo's."""
 TURN_GAIN = 0.02
 """Loss that a turned pose must gain on the coarse level, as in a search's last stage."""
 OUTLINE_OVERLAP = 0.75
@@ -185,10 +178,9 @@ def _distances_of_returns(probe: Probe) -> list[float]:
     size = len(probe.motions)
     near = np.random.default_rng(1).normal(size=(RETURNS, size))
     near *= RETURN_DISTANCE / np.linalg.norm(near, axis=1, keepdims=True) * math.sqrt(size / 3.0)
-    descents = [(step, RETURN_EDGE, RETURN_EVALUATIONS) for step in near]
-    own = (np.zeros(size), MINIMUM_EDGE, MINIMUM_EVALUATIONS)
-    (minimum, _), *ends = probe.descend([own, *descents])
-    return [probe.distance(minimum, end) for end, _ in ends]
+    returns = [(step, RETURN) for step in near]
+    minimum, *ends = probe.descend([(np.zeros(size), FROM_POSE), *returns])
+    return [probe.distance(minimum.best, end.best) for end in ends]
 
 
 def better_turn(
@@ -210,12 +202,12 @@ def better_turn(
     with suppress(PoseViewerError), closing(Probe(problem, renderer, pose, threads)) as probe:
         photo, level = probe.level.photo, probe.level.renderer
         starts = [np.zeros(len(probe.motions)), *probe.turns()]
-        (_, own), *ends = probe.descend([(at, TURN_EDGE, TURN_EVALUATIONS) for at in starts])
-        for step, loss in sorted(ends, key=lambda end: end[1]):
-            if loss > own - TURN_GAIN:
+        own, *ends = probe.descend([(at, RETURN) for at in starts])
+        for end in sorted(ends, key=lambda end: end.value):
+            if end.value > own.value - TURN_GAIN:
                 break
-            here, there = (model_mask(photo, level, probe.pose(at)) for at in (starts[0], step))
+            here, there = (model_mask(photo, level, probe.pose(at)) for at in (starts[0], end.best))
             if np.count_nonzero(here & there) >= OUTLINE_OVERLAP * np.count_nonzero(here | there):
-                parameters = problem.chart.from_pose(probe.pose(step))
+                parameters = problem.chart.from_pose(probe.pose(end.best))
                 return problem.complete(parameters[problem.free_indices])
     return None

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property, partial
-from itertools import islice
 
 import numpy as np
 from scipy.linalg import orth
@@ -20,7 +19,8 @@ from poseviewer.geometry.mesh import hull_points, principal_axes
 from poseviewer.geometry.symmetry_group import Symmetry
 from poseviewer.geometry.transform import rotation_about
 from poseviewer.losses.default_loss import DEFAULT
-from poseviewer.optimise import nelder_mead
+from poseviewer.optimise.nelder_mead import Descent
+from poseviewer.optimise.protocol import State
 from poseviewer.render.attributes import Renderer
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import (
@@ -34,8 +34,6 @@ SMALL_STEP = 1e-4
 """Step of a derivative by a chart's parameter, in units of its scale."""
 MIN_MOTION = 1e-3
 """Least motion, as a fraction of the greatest: differences are no more exact than this."""
-TOLERANCES = nelder_mead.NelderMeadOptions(x_tolerance=2e-3, f_tolerance=1e-3)
-"""Ends of a descent: a minimum nearer than this counts as the same."""
 TURNS_DEG = (15.0, 30.0, 45.0)
 """Rotations to each side: a descent finds the right one from halfway to the next."""
 FREE_FRACTION = 0.9
@@ -108,29 +106,14 @@ class Probe:
         """(s,): losses at steps; infinite where a step leads to no pose."""
         return np.array(list(self._pool.map(self._loss, list(steps))))
 
-    def descend(
-        self, descents: Sequence[tuple[FloatArray, FloatArray | float, int]]
-    ) -> list[tuple[FloatArray, float]]:
-        """Descend by simplices.
+    def descend(self, descents: Sequence[tuple[FloatArray, Descent]]) -> list[State]:
+        """Descend from steps (k,), and return the last state of each descent."""
 
-        Args:
-            descents: of each, its start (k,), the edges of its simplex as columns (k, e) or the
-                length of k edges along the axes, and its number of evaluations.
+        def run(renderer: Renderer, one: tuple[FloatArray, Descent]) -> State:
+            start, descent = one
+            return descent.run(partial(self._loss, renderer), start)
 
-        Returns:
-            The step (k,) at which each descent ends, and the loss there.
-        """
-        return list(self._pool.map(self._descend, descents, at_a_time=1))
-
-    def _descend(
-        self, renderer: Renderer, descent: tuple[FloatArray, FloatArray | float, int]
-    ) -> tuple[FloatArray, float]:
-        start, edge, evaluations = descent
-        objective = partial(map, partial(self._loss, renderer))
-        edges = edge * np.eye(len(start)) if np.ndim(edge) == 0 else np.asarray(edge)
-        states = nelder_mead.minimise(objective, start, edges, TOLERANCES)
-        *_, last = islice(states, evaluations + 1)
-        return last.best, last.value
+        return list(self._pool.map(run, descents, at_a_time=1))
 
     def _loss(self, renderer: Renderer, step: FloatArray) -> float:
         try:

@@ -10,12 +10,12 @@ import numpy as np
 
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.confidence.verdict import Verdict
-from poseviewer.fit.problem import FitProblem
+from poseviewer.fit.problem import FitProblem, with_params
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.losses.loss import LossScale
 from poseviewer.scene.settings import FitSettings
-from poseviewer.scene.types import Scene, SearchResult
+from poseviewer.scene.types import Scene
 
 
 class Status(enum.Enum):
@@ -154,9 +154,8 @@ class SearchProgress:
         return self.scene.objects[self.object_index].settings
 
     @property
-    def results(self) -> dict[int, SearchResult | None]:
-        """The result of each object that had its turn; None while it is searched for."""
-        return {
-            index: None if progress.status is Status.RUNNING else self.scene.objects[index].result
-            for index, progress in self.progress_by_object.items()
-        }
+    def best(self) -> Scene:
+        """The scene at the best poses so far; the object that is searched for has no result."""
+        if self.progress.status is not Status.RUNNING:
+            return self.scene
+        return with_params(self.scene, self.object_index, self.problem, self.progress.parameters)

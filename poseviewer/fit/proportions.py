@@ -12,29 +12,40 @@ from scipy.linalg import block_diag
 
 from poseviewer.fit.probing import Probe
 from poseviewer.fit.problem import FitProblem
-from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.normals import face_normals_and_areas
-from poseviewer.geometry.transform import RigidTransform
+from poseviewer.optimise.nelder_mead import Descent
 from poseviewer.render.attributes import Renderer
 
 STRETCHES = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, -2.0]]) / np.sqrt([[2.0], [6.0]])
 """(2, 3): orthonormal, logarithms of stretches along x, y and z; all three alike are a distance."""
-OWN_EDGE = 0.05
-OWN_EVALUATIONS = 80
-"""Edge and length of the descent of the model as it is, to the coarse level's own minimum."""
-EDGE = 0.08
-EVALUATIONS = 150
-"""Edge and length of the descent from there with its proportions free."""
+OWN = Descent(edge=0.05, evaluations=80)
+"""Descent of the model as it is, to the coarse level's own minimum."""
+FREE = Descent(edge=0.08, evaluations=150)
+"""Descent from there with its proportions free."""
 MIN_GAIN = 0.08
 """Difference of loss that tells proportions apart: right models gain less by others."""
 MIN_STRETCH = 0.045
 """Logarithm of the stretch of one axis beside the others that counts as other proportions."""
 GIVEN_STRETCH = 0.2
 """Logarithm of the stretch of one axis that is tried, whether the free descent takes it or not."""
-GIVEN_EVALUATIONS = 30
-"""Length of the descent of the model with a given stretch."""
+GIVEN = Descent(edge=0.05, evaluations=30)
+"""Descent of the model with a given stretch."""
+
+
+@dataclass(frozen=True, slots=True)
+class StretchedPose(Pose):
+    """A pose of the model stretched along its axes about its origin, to be drawn by renderers."""
+
+    stretches: FloatArray
+    """(3,): factors along the model's x, y and z."""
+
+    @property
+    def linear(self) -> FloatArray:
+        """(3, 3): the stretch, then the rotation."""
+        return freeze_array(self.camera_from_model.rotation * self.stretches, (3, 3))
 
 
 class StretchProbe(Probe):
@@ -46,16 +57,15 @@ class StretchProbe(Probe):
         """(3,): the point of the model that a stretch leaves where it is."""
 
     def pose(self, step: FloatArray) -> Pose:
-        """The pose at a step; its "rotation" stretches the model as well."""
+        """Return the pose at a step."""
         size = len(self.motions)
         pose = super().pose(step[:size])
         if len(step) == size:
             return pose
         place, fixed = pose.camera_from_model, self.fixed_point
-        linear = place.rotation * np.exp(step[size:])
-        return replace(
-            pose, camera_from_model=RigidTransform(linear, place.apply(fixed) - linear @ fixed)
-        )
+        stretched = StretchedPose(pose.camera, place, np.exp(step[size:]))
+        translation = place.apply(fixed) - stretched.linear @ fixed
+        return replace(stretched, camera_from_model=replace(place, translation=translation))
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,22 +120,21 @@ def other_proportions(
     """
     with closing(StretchProbe(problem, renderer, pose, threads)) as probe:
         size = len(probe.motions)
-        free = EDGE * np.asarray(block_diag(np.eye(size), STRETCHES.T), dtype=float)
-        (own, least), *_ = probe.descend([(np.zeros(size), OWN_EDGE, OWN_EVALUATIONS)])
-        start = np.append(own, np.zeros(3))
-        (end, other), *_ = probe.descend([(start, free, EVALUATIONS)])
+        own, *_ = probe.descend([(np.zeros(size), OWN)])
+        axes = np.asarray(block_diag(np.eye(size), STRETCHES.T), dtype=float)
+        free = replace(FREE, edge=FREE.edge * axes)
+        end, *_ = probe.descend([(np.append(own.best, np.zeros(3)), free)])
         # Logarithm of each axis' stretch, above the mean of the two others.
-        longer = 1.5 * end[size:]
+        longer = 1.5 * end.best[size:]
         axis = int(np.argmax(np.abs(longer)))
-        if least - other >= MIN_GAIN and abs(longer[axis]) >= MIN_STRETCH:
+        if own.value - end.value >= MIN_GAIN and abs(longer[axis]) >= MIN_STRETCH:
             return OtherProportions(axis, float(longer[axis]), is_better=True)
         probe.fixed_point = middle_facing(probe.mesh, pose)
         given = GIVEN_STRETCH * np.vstack([np.eye(3), -np.eye(3)])
-        starts = [np.append(own, stretch) for stretch in given]
-        edges = OWN_EDGE * np.eye(size + 3, size)  # the stretch stays
-        ends = probe.descend([(start, edges, GIVEN_EVALUATIONS) for start in starts])
-    losses = [loss for _, loss in ends]
+        kept = replace(GIVEN, edge=GIVEN.edge * np.eye(size + 3, size))  # the stretch stays
+        ends = probe.descend([(np.append(own.best, stretch), kept) for stretch in given])
+    losses = [end.value for end in ends]
     best = int(np.argmin(losses))
-    if losses[best] - least > MIN_GAIN:
+    if losses[best] - own.value > MIN_GAIN:
         return None
     return OtherProportions(best % 3, float(given[best].sum()), is_better=False)

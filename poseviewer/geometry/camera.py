@@ -131,7 +131,13 @@ class Pose:
 
     def project(self, points: ArrayLike) -> FloatArray:
         """Project points (..., 3) of the model to the picture (..., 2)."""
-        return self.camera.project(self.camera_from_model.apply(points))
+        placed = np.asarray(points, dtype=float) @ self.linear.T
+        return self.camera.project(placed + self.camera_from_model.translation)
+
+    @property
+    def linear(self) -> FloatArray:
+        """(3, 3): linear part of the map from model to camera by which the model is drawn."""
+        return self.camera_from_model.rotation
 
     def rescale(self, factor: float) -> Pose:
         """Return the pose in the image resized by ``factor``."""
@@ -154,7 +160,7 @@ def level_pose(pose: Pose, factor: int) -> Pose:
         reduced = Perspective(camera.fx / factor, camera.fy / factor, *principal, *size)
     else:
         reduced = Parallel(camera.scale / factor, *principal, *size)
-    return Pose(reduced, pose.camera_from_model)
+    return replace(pose, camera=reduced)
 
 
 def level_size(size: int, factor: int) -> int:

@@ -4,8 +4,10 @@ Moves and their order are scipy's (``minimize(method="Nelder-Mead")``, not adapt
 simplex both visit the same points. This one can be stopped after any evaluation.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
+from itertools import islice
 
 import numpy as np
 
@@ -29,6 +31,25 @@ class NelderMeadOptions:
     x_tolerance: FloatArray | float
     """Tolerance of each coordinate, or one for all."""
     f_tolerance: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Descent:
+    """A descent of limited length."""
+
+    edge: FloatArray | float
+    """Edges of its simplex as columns (d, e), or the length of d edges along the axes."""
+    evaluations: int
+    """Number of evaluations after that of the start, at most."""
+    tolerances: NelderMeadOptions = NelderMeadOptions(x_tolerance=2e-3, f_tolerance=1e-3)
+    """End before: a minimum nearer than this counts as the same."""
+
+    def run(self, loss: Callable[[FloatArray], float], start: FloatArray) -> State:
+        """Return the last state of the descent from a point (d,)."""
+        edges = self.edge if isinstance(self.edge, np.ndarray) else self.edge * np.eye(len(start))
+        states = minimise(partial(map, loss), start, edges, self.tolerances)
+        *_, last = islice(states, self.evaluations + 1)
+        return last
 
 
 def minimise(

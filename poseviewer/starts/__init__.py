@@ -1,1 +1,1 @@
-"""Scenes from files, start poses from a rectangle, point pairs or wheels, and measurements."""
+"""Start poses from a rectangle, point pairs, wheels or learned features."""

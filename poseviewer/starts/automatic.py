@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, reduce
-from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,15 +26,15 @@ from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.geometry.rectangle import Rectangle, non_maximum_suppression
 from poseviewer.losses.default_loss import DEFAULT
-from poseviewer.optimise import nelder_mead
+from poseviewer.optimise.nelder_mead import Descent, NelderMeadOptions
 from poseviewer.render.attributes import PhotoAttributes, Renderer
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import Level, make_level
 from poseviewer.render.renderers import make_renderer
 from poseviewer.scene.settings import FitSettings, Limits
+from poseviewer.starts.dino_features import PatchEncoder
 from poseviewer.starts.learned import compare_with_photo, propose_rectangles
-from poseviewer.starts.loading import Start, StartInputs
-from poseviewer.starts.patch_features import PatchEncoder
+from poseviewer.starts.start import Start, StartInputs
 from poseviewer.starts.texture_features import SURE_INLIERS, poses_from_features
 from poseviewer.starts.views import ViewPoses, ground_views, poses_filling, sample_rotations
 from poseviewer.starts.wheels import likely_wheels
@@ -58,7 +58,7 @@ WHEEL_POSES = 4
 """Hypotheses that a vehicle's wheels add."""
 WHEEL_DISTANCE = 0.7
 """Distance, in half axes of a wheel that was found, within which a pose shows the wheel there."""
-TOLERANCES = nelder_mead.NelderMeadOptions(x_tolerance=1e-3, f_tolerance=1e-4)
+TOLERANCES = NelderMeadOptions(x_tolerance=1e-3, f_tolerance=1e-4)
 """Tolerances of descents."""
 TRIAL = Limits(400)
 """Limits of the fit from each hypothesis that decides which is taken."""
@@ -72,11 +72,6 @@ SIDE_PX = 40.0
 """Side of the rectangle, made square, on the coarsest level."""
 PHOTO_SIDE_PX = 200.0
 """Side of the photo, made square, where poses by wheels anywhere in it are compared."""
-ROUNDS = ((32, 24, 0.12, SIDE_PX), (10, 80, 0.08, 60.0))
-"""Rounds of descents from the best poses so far: their number; evaluations of each; edge of its
-simplex, radians and shares of the radius; side of the rectangle on the level, px."""
-SHORT_ROUND = (8, *ROUNDS[0][1:])
-"""Round of fewer descents, for each of several rectangles."""
 MAX_HYPOTHESES = 5
 """Hypotheses for a user to choose from."""
 GROWTH = 0.15
@@ -105,6 +100,26 @@ OTHERS_SHARE = 0.07
 """Share of each other hypothesis in the probability that the first is wrong."""
 MIN_HYPOTHESIS_DISTANCE = 0.1
 """Smallest mean distance of hypotheses in the photo, as a share of the rectangle's diagonal."""
+
+
+class Round(NamedTuple):
+    """A round of descents from the best poses so far."""
+
+    count: int
+    """Number of descents."""
+    descent: Descent
+    """Each of them; edges are radians and shares of the model's radius."""
+    side_px: float
+    """Side of the rectangle, made square, on the level."""
+
+
+ROUNDS = (
+    Round(32, Descent(0.12, 23, TOLERANCES), SIDE_PX),
+    Round(10, Descent(0.08, 79, TOLERANCES), 60.0),
+)
+"""Rounds in a rectangle: many short descents in a small picture, few longer ones in a larger."""
+SHORT_ROUND = ROUNDS[0]._replace(count=8)
+"""Round of fewer descents, for each of several rectangles."""
 
 BeginThread = Callable[[], None]
 """Called first by each thread of a search."""
@@ -265,13 +280,12 @@ class _ViewSearch:
     watch: Callable[[], object]
 
     def best_views(
-        self, views: ViewPoses, rounds: Sequence[tuple[int, int, float, float]] = ROUNDS
+        self, views: ViewPoses, rounds: Sequence[Round] = ROUNDS
     ) -> list[PoseHypothesis]:
         """Return the best views that differ, improved round by round."""
         hypotheses = self._try_all(views)
-        for count, evaluations, edge, side_px in rounds:
-            starts = self.distinct(hypotheses, count)
-            hypotheses = self.descend(starts, evaluations, edge, side_px)
+        for stage in rounds:
+            hypotheses = self.descend(self.distinct(hypotheses, stage.count), stage)
         return self.distinct(hypotheses, MAX_HYPOTHESES)
 
     def within(self, rectangle: Rectangle) -> "_ViewSearch":
@@ -308,18 +322,9 @@ class _ViewSearch:
             PoseHypothesis(p.pose, p.loss + float(c)) for p, c in zip(scored, costs, strict=True)
         ]
 
-    def descend(
-        self, starts: Sequence[PoseHypothesis], evaluations: int, edge: float, side_px: float
-    ) -> list[PoseHypothesis]:
-        """Return the ends of short descents.
-
-        Args:
-            starts: poses to begin at.
-            evaluations: evaluations of each descent.
-            edge: edge of its simplex, radians and shares of the model's radius.
-            side_px: side of the rectangle, made square, on the level.
-        """
-        level, mesh = self._level(side_px), self.query.inputs.mesh
+    def descend(self, starts: Sequence[PoseHypothesis], stage: Round) -> list[PoseHypothesis]:
+        """Return the ends of a round's descents from poses."""
+        level, mesh = self._level(stage.side_px), self.query.inputs.mesh
         worst = DEFAULT.scale(level.photo).worst
 
         def descend(renderer: Renderer, start: PoseHypothesis) -> PoseHypothesis:
@@ -334,11 +339,8 @@ class _ViewSearch:
                 loss = DEFAULT.of_moments(renderer.moments(pose, level.photo))
                 return loss + RECTANGLE_WEIGHT * self._rectangle_error(pose)
 
-            states = nelder_mead.minimise(
-                lambda points: map(loss_at, points), np.zeros(6), edge * np.eye(6), TOLERANCES
-            )
-            *_, last = islice(states, evaluations)
-            return PoseHypothesis(chart.to_pose(last.best), last.value)
+            end = stage.descent.run(loss_at, np.zeros(6))
+            return PoseHypothesis(chart.to_pose(end.best), end.value)
 
         with RendererPool(level.renderer, begin=self.begin) as pool:
             return list(pool.map(descend, starts, at_a_time=1))
@@ -390,7 +392,7 @@ def _in_proposed_rectangles(search: _ViewSearch) -> list[PoseHypothesis]:
     ends = list[Pose]()
     for best in rank(poses, MAX_HYPOTHESES):
         own = search.within(outline_box(best.pose, query.points))
-        ends += [end.pose for end in own.descend([best], *ROUNDS[-1][1:])]
+        ends += [end.pose for end in own.descend([best], ROUNDS[-1])]
     hypotheses = rank(ends, MAX_HYPOTHESES)
     return [h for h in hypotheses if h.loss <= MIN_ODDS_SHARE * hypotheses[0].loss]
 

@@ -16,8 +16,8 @@ from poseviewer.render.attributes import Renderer
 from poseviewer.render.renderers import make_renderer
 from poseviewer.scene.types import PlacedModel
 from poseviewer.starts.automatic import BeginThread, PoseHypothesis, StartQuery, best_start, propose
-from poseviewer.starts.loading import Start, StartCamera, StartInputs
-from poseviewer.starts.patch_features import PatchEncoder
+from poseviewer.starts.dino_features import PatchEncoder
+from poseviewer.starts.start import Start, StartCamera, StartInputs
 
 MAX_SHARED_FRACTION = 0.3
 """Share of the smaller one's pixels that two instances may share: one may occlude another."""

@@ -26,8 +26,8 @@ from poseviewer.geometry.rectangle import Rectangle, non_maximum_suppression
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.attributes import Renderer
 from poseviewer.render.renderers import make_renderer
-from poseviewer.starts.loading import StartInputs
-from poseviewer.starts.patch_features import PATCH_PX, PatchEncoder, unit
+from poseviewer.starts.dino_features import PATCH_PX, PatchEncoder, unit
+from poseviewer.starts.start import StartInputs
 from poseviewer.starts.views import ground_views, look_along
 
 MAX_RECTANGLES = 6

@@ -25,11 +25,11 @@ from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import HALF_PIXEL
 from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.placing import surface_point
 from poseviewer.geometry.rectangle import non_maximum_suppression
 from poseviewer.geometry.scaled_orthographic import solve_scaled_orthographic
 from poseviewer.geometry.transform import RigidTransform, rotation_about, rotation_angle
-from poseviewer.starts.loading import Start, StartCamera, StartInputs
-from poseviewer.starts.placing import surface_point
+from poseviewer.starts.start import Start, StartCamera, StartInputs
 
 MIN_PAIRS_PERSPECTIVE = 4
 """Pairs that a pose needs: three leave up to four answers."""

@@ -22,7 +22,7 @@ from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.attributes import Renderer
 from poseviewer.render.renderers import make_renderer
 from poseviewer.scene.types import PlacedModel
-from poseviewer.starts.loading import StartInputs
+from poseviewer.starts.start import StartInputs
 from poseviewer.starts.views import sample_rotations
 
 MODEL_VIEWS = 42

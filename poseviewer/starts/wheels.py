@@ -27,7 +27,7 @@ from poseviewer.losses.paper_loss import lighting_loss
 from poseviewer.render.attributes import Moments
 from poseviewer.render.renderers import make_renderer
 from poseviewer.scene.settings import FitSettings
-from poseviewer.starts.loading import Start, StartCamera, StartInputs
+from poseviewer.starts.start import Start, StartCamera, StartInputs
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 from poseviewer.vehicle.wheel_pose import Ellipse, WheelFit, Wheels, poses_from_wheels
 

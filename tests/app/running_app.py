@@ -9,7 +9,7 @@ from pathlib import Path
 
 from poseviewer.app.app import App
 from poseviewer.app.below_viser.guard import serve
-from poseviewer.app.workers.opening import open_files
+from tests.app.state.documents import open_files
 from tests.scene import Scene
 
 

@@ -97,6 +97,10 @@ def test_objects_are_removed_added_placed_hidden_and_picked(browser: Browser, tm
         said = [fields.nth(i).input_value() for i in range(fields.count())]
         assert said == [str(number) for number in range(fields.count())]
         fields.nth(0).fill("12")
+        fields.nth(2).fill("1")
+        fields.nth(2).press("Tab")
+        asked.get_by_role("button", name="Export").click()
+        tab.wait_for_text("give each model a number of its own")
         fields.nth(2).fill("34")
         fields.nth(2).press("Tab")
         with tab.page.expect_download() as download:

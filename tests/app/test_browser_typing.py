@@ -12,17 +12,17 @@ import pytest
 from playwright.sync_api import Browser, Locator
 
 from poseviewer.app.state.document import Document
-from poseviewer.app.state.document_edits import open_document
+from poseviewer.app.state.edits import open_document
 from poseviewer.app.state.frame_edits import edit_frames
 from poseviewer.app.state.objects import add_object
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.opening import open_files
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.image_sequence import load_sequence
 from tests.app.browser import READY, TWO_FRAMES, AppPage
 from tests.app.running_app import RunningApp, running_app
 from tests.app.sequences import CAMERA, write_sequence
 from tests.app.state import edits as c
+from tests.app.state.documents import open_files
 from tests.scene import Scene
 
 pytestmark = pytest.mark.slow
@@ -231,6 +231,33 @@ def test_what_is_no_number_and_what_is_taken_back_leave_the_old_one(page: Typist
     page.tab.wait_for_text("wanted focal lengths")
     page.tab.until(lambda: page.field("fx (px)").input_value() == "300")
     assert page.session.document is page.begun
+
+
+def test_no_number_is_read_otherwise_than_it_is_written(page: Typist) -> None:
+    """What Mantine would make of it, as 1.3905 of 1,390.5, is taken back and said."""
+    page.tab.open_step(2)
+    page.begin("rest")
+    field, keyboard = page.field("fx (px)"), page.tab.page.keyboard
+    ends = cycle(("Enter", "Tab"))
+    wrong = ("1,390.5", "1.390,5", "1e400", "13a90", "\u2212390", "5-3")
+    for text, is_pasted in [*((one, False) for one in wrong), *((one, True) for one in wrong)]:
+        page.type(field, "" if is_pasted else text)
+        if is_pasted:
+            keyboard.insert_text(text)
+        page.press(next(ends))
+        stood = text.replace(",390.", ".390.") if not is_pasted else text
+        page.tab.wait_for_text(f"fx (px): '{stood}' is no number")
+        page.tab.until(lambda: field.input_value() == "300" and page.is_told())
+        assert page.session.document is page.begun, text
+    # A decimal comma, and blanks between thousands, leave a number what it is.
+    for text, wanted in (("310,25", 310.25), ("+320.5", 320.5), ("1 330", 1330.0)):
+        page.type(field, text)
+        page.press("Enter")
+        page.tab.until(lambda: page.value("fx (px)") == wanted)  # noqa: B023
+    page.type(field, "13a")  # it stays wrong with more letters, and not in a new text
+    page.type(field, "340")
+    page.press("Enter")
+    page.tab.until(lambda: page.value("fx (px)") == 340.0)
 
 
 def test_each_step_by_arrows_is_one_edit(page: Typist) -> None:

@@ -3,7 +3,7 @@
 import json
 import shutil
 from dataclasses import replace
-from html import escape
+from html import unescape
 from pathlib import Path
 
 import numpy as np
@@ -11,21 +11,19 @@ import pytest
 
 from poseviewer.app.page.rows import row_text, rows_list
 from poseviewer.app.reviewing import Reviewer
-from poseviewer.app.state.document_edits import undo
-from poseviewer.app.state.edits import Edit
+from poseviewer.app.state.edits import Edit, undo, update
 from poseviewer.app.state.hiding import Stroke, paint
-from poseviewer.app.state.pointer_edits import update
 from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.jobs import prepare
 from poseviewer.app.workers.opening import open_autosaved
+from poseviewer.app.workers.saving import Autosaver
 from poseviewer.app.workers.tasks import QueuedTask
 from poseviewer.batch.run import open_batch
 from poseviewer.errors import BatchError
 from poseviewer.files.masks import masks_beside
 from poseviewer.files.pose import load_pose
-from poseviewer.files.state.autosave import load_autosave
+from poseviewer.files.state.session_file import load_autosave
 from poseviewer.fit.progress import Status
 from poseviewer.scene.settings import FitSettings, Limits
 from tests.batches import fit_all, write_table
@@ -174,7 +172,7 @@ def test_the_list_says_of_each_row_what_came_of_it(review: Review) -> None:
     assert content.count(">failed</b>") == 1
     reasons = [row.result.reason for row in review.queue.rows if row.result.failed]
     assert reasons[0]
-    assert f"<small>{escape(reasons[0])}</small>" in content
+    assert f"<small>{reasons[0]}</small>" in unescape(content)
     row = review.queue.rows[2]
     assert "● pose changed" in row_text(row, unsaved=True)
     kept = replace(row.result, status=Status.KEPT.value, reasons="The start was kept: so it is.")

@@ -231,6 +231,7 @@ def test_nothing_is_found_about_an_object_that_is_hidden(scene: Scene, blurs: Pa
     fit = load(blurs, scene.model, scene.truth, QUICK).fit()
     assert audit_numbers(fit)["finding"] == "unexplained"
     assert audit_numbers(fit, is_hidden=True)["finding"] == ""
+    assert audit_numbers(fit, question="In one unit?")["finding"] == ""
 
 
 @pytest.mark.slow
@@ -246,6 +247,7 @@ def test_another_unit_is_asked_about_once_for_all_rows(mixed: Path, capsys, kind
     printed, question = capsys.readouterr(), "middle at a distance of"
     assert printed.err.count(question) == printed.out.count(question) == 1
     assert "2 of 2 rows, as row 1: The pose has" in printed.out
+    assert kind == "batch" or "given poses: 0 moved, 0 unexplained" in printed.out
     assert "are the pose and the model in one unit?" in printed.out
     assert (mixed / kind / "report.html").read_text("utf-8").count(question) == 1
     assert run(*line) == code

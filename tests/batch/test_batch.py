@@ -10,18 +10,19 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import psutil
 import pytest
 
 from poseviewer.batch.job_table import load_jobs
-from poseviewer.batch.result_folder import STDS, lock_folder
+from poseviewer.batch.result_folder import LOCK, STDS, lock_folder
 from poseviewer.batch.run import open_batch, run_batch
 from poseviewer.errors import BatchError
+from poseviewer.files import writing
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.pose import load_pose
-from poseviewer.files.writing import OLD_PART_S, write_whole
+from poseviewer.files.writing import OLD_PART_S, open_to_append, write_whole
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.scene.settings import FitSettings, Limits
 from tests.batches import write_table
@@ -181,6 +182,7 @@ def test_two_batches_in_one_folder_are_told_apart(scene, tmp_path, capsys):
     out, line = tmp_path / "out", ("batch", tmp_path / "jobs.csv", "--out", tmp_path / "out")
     batch = open_batch(write_table(scene, tmp_path, 1), out, FitSettings())
     table = write_table(scene, tmp_path, 2)
+    assert not (out / LOCK).exists()
     with lock_folder(out):  # as a batch holds it
         manifest = (out / "batch.json").read_bytes()
         assert run(*line) == 2
@@ -189,6 +191,23 @@ def test_two_batches_in_one_folder_are_told_apart(scene, tmp_path, capsys):
             next(run_batch(batch, batch.jobs))
     assert (out / "batch.json").read_bytes() == manifest
     assert open_batch(table, out, FitSettings()).jobs != batch.jobs
+    assert not (out / LOCK).exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="folders are not locked there")
+def test_a_lock_that_is_removed_before_it_is_taken_is_not_held(tmp_path, monkeypatch):
+    """Another batch begins meanwhile, whose lock is a new file."""
+
+    def open_as_the_holder_ends(path: Path) -> IO[bytes]:
+        monkeypatch.undo()
+        with lock_folder(tmp_path):
+            return open_to_append(path)
+
+    monkeypatch.setattr(writing, "open_to_append", open_as_the_holder_ends)
+    with pytest.raises(BatchError, match="another batch"), lock_folder(tmp_path):
+        pass
+    with lock_folder(tmp_path):
+        pass
 
 
 @pytest.mark.slow

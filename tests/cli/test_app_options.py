@@ -11,6 +11,7 @@ from poseviewer.errors import RendererUnavailableError
 from poseviewer.files.pose import load_pose
 from tests.commands import refusal, run
 from tests.renderers import require_gpu
+from tests.several import make_three
 from tests.starts.backbone import save_random_backbone
 from tests.videos import write_video
 
@@ -49,6 +50,19 @@ def test_a_folder_with_a_set_of_photos_is_opened(folder, served):
     assert [one.settings.search for one in served] == ["auto", "auto", "models"]
     (folder / "set" / "m.ply").unlink()
     assert run("app set") == 2
+
+
+def test_a_set_is_known_without_its_option_and_takes_no_mask(folder, served, capsys):
+    assert run("app set/set.json set/m.ply --pose set/start.json") == 0
+    assert len(served[0].scene.views) == 3
+    assert run("app set --photos a,c") == 0
+    assert [view.name for view in served[1].scene.views] == ["a.png", "c.png"]
+    assert "--photos without a set of photos" in refusal(capsys, "app one --photos a,c")
+    assert "--mask with a set of photos" in refusal(capsys, "app set --mask p.png")
+    shutil.rmtree("one")
+    (folder / "one").mkdir()
+    make_three(folder / "one")
+    assert "--mask with a scene" in refusal(capsys, "app one --mask p.png")
 
 
 def test_frames_in_a_folder_or_of_a_video_are_a_sequence(folder, served, capsys):

@@ -1,6 +1,7 @@
 """``poseviewer convert``: there and back; scenes of several objects; files that are named."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_json import load_scene
 from poseviewer.geometry.camera import Perspective
-from tests.commands import run
+from tests.commands import refusal, run
 from tests.files.formats.cases import HEIGHT, WIDTH
 from tests.schemas import load_valid
 from tests.several import IDS, MESHES, STARTS, make_bop
@@ -113,6 +114,62 @@ def test_a_scene_becomes_an_image_of_a_bop_scene_and_back(folder, capsys):
         place = again.pose(index).camera_from_model
         assert place.translation == pytest.approx(start.pose.camera_from_model.translation)
     assert again.views[0].camera == Perspective(420.0, 420.0, 160.5, 120.5, 320, 240)
+
+
+@pytest.mark.usefixtures("folder")
+def test_objects_are_chosen_and_numbered(capsys):
+    line = "convert three.scene.json out --to bop --image 4 --unit mm --overwrite"
+    places = [start.pose.camera_from_model.translation for start in STARTS]
+    for words, numbers, indices in (
+        ("--object front=7", [7], [1]),
+        ("--object apart=12 --object ball=0", [12, 0], [2, 0]),
+        ("--object ball=3 --object front=1 --object apart=2", [3, 1, 2], [0, 1, 2]),
+    ):
+        shutil.rmtree("out", ignore_errors=True)
+        assert run(f"{line} {words}") == 0
+        poses = json.loads(Path("out/scene_gt.json").read_text())["4"]
+        assert [pose["obj_id"] for pose in poses] == numbers
+        shifts = [pose["cam_t_m2c"] for pose in poses]
+        np.testing.assert_allclose(shifts, [places[index] for index in indices])
+    back = "convert out other --from bop --to bop --image 4 --photo-size 320x240"
+    assert run(f"{back} --object 3=5 --object 2=2") == 0
+    poses = json.loads(Path("other/scene_gt.json").read_text())["4"]
+    assert [pose["obj_id"] for pose in poses] == [5, 2]
+    capsys.readouterr()
+    for words, said in (
+        ("--object front", "add --object front=NUMBER"),
+        ("--object who=3", "There is no object 'who'"),
+        ("--object ball=3 --object front=3", "(on the command line by --object front=NUMBER)"),
+    ):
+        assert said in refusal(capsys, f"{line} {words}")
+
+
+@pytest.mark.usefixtures("folder")
+def test_models_without_names_in_bop_are_numbered_as_the_refusal_says(capsys):
+    """Ids that are numbers are those of all objects, but not of one that is chosen."""
+    data = json.loads(Path("three.scene.json").read_text())
+    for number, one in enumerate(data["objects"], 1):
+        one["id"] = str(number)
+    data["objects"][2]["model"] = data["objects"][0]["model"]
+    Path("three.scene.json").write_text(json.dumps(data))
+    line = "convert three.scene.json out --to bop --image 4 --unit mm --overwrite"
+    assert run(line) == 0
+    poses = json.loads(Path("out/scene_gt.json").read_text())["4"]
+    assert [pose["obj_id"] for pose in poses] == [1, 2, 1]  # a model twice
+    capsys.readouterr()
+    assert "add --object 2=NUMBER" in refusal(capsys, line, "--object", 2)
+    shutil.rmtree("out")
+    assert run(f"{line} --object 2=6") == 0
+    capsys.readouterr()
+    ((pose,),) = json.loads(Path("out/scene_gt.json").read_text()).values()
+    assert pose["obj_id"] == 6
+    shutil.copy("obj_000005.ply", "m.ply")
+    line = "convert named.json one --to bop --model m.ply --image 4"
+    assert "add --object 1=NUMBER" in refusal(capsys, line)
+    for words, number in (("1=3", 3), ("4", 4)):
+        assert run(f"{line} --object {words}") == 0
+        poses = json.loads(Path("one/scene_gt.json").read_text())["4"]
+        assert poses[-1]["obj_id"] == number
 
 
 def test_a_scene_becomes_one_gltf_file_and_one_of_its_objects_a_pose_file(folder):

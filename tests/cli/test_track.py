@@ -22,9 +22,10 @@ from poseviewer.files.scene_json import load_scene, save_scene
 from poseviewer.files.writing import sha256_of
 from poseviewer.fit.problem import make_problem
 from poseviewer.geometry.free_body_chart import FreeBodyChart
+from poseviewer.opening.scenes import open_scene
+from poseviewer.opening.sources import Sources
 from poseviewer.scene.sequence import show_frame
 from poseviewer.scene.types import PlacedModel, Scene
-from poseviewer.starts.loading import open_scene_files
 from tests.commands import read_rows, refusal, run
 from tests.ctrl_c import ctrl_c_ends_them
 from tests.moving import ball, box, off, sequence, write_sequence
@@ -37,8 +38,7 @@ def here(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
     def run_here(function, jobs, _):
         for job in jobs:
-            first, last = map(int, Path(job.start).stem.split("-"))
-            begun.append(f"{first},{last}")
+            begun.append("{},{}".format(*job.frames))
             yield job, function(job)
 
     monkeypatch.setattr("poseviewer.batch.run.run_in_processes", run_here)
@@ -176,7 +176,7 @@ def test_the_whole_way_from_a_fit_in_the_middle_to_an_audit(tmp_path, monkeypatc
     assert run(*line) == 0
     assert ("hides pixels of 1.png alone" in capsys.readouterr().err) == (mask == "of its frame")
     assert len(read_rows(tmp_path / "out" / "results.csv")) == 2
-    scene = open_scene_files("out/scene.json")
+    scene = open_scene(Sources(scene=Path("out/scene.json")))
     for index in range(3):
         hidden = [] if scene.views[0].mask is None else [scene.views[0].mask]
         assert len(hidden) == (mask == "of all frames")

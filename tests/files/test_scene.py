@@ -15,14 +15,15 @@ from poseviewer.errors import PoseViewerError
 from poseviewer.files.masks import mask_as_png
 from poseviewer.files.scene_assets import view_of_file
 from poseviewer.files.scene_json import as_saved, form_of, load_scene, save_scene
-from poseviewer.files.state.uploads import copy_out
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.symmetry_group import Symmetry, SymmetryAxis
 from poseviewer.geometry.transform import RigidTransform, Similarity
+from poseviewer.opening.scenes import open_scene
+from poseviewer.opening.sources import Sources
+from poseviewer.opening.uploads import copy_out
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import ChartParameters, InView, Scene, SceneObject, SearchResult
-from poseviewer.starts.loading import open_scene_files
 from tests.schemas import json_schema, load_valid
 from tests.several import CAMERA, IDS, MESHES, make_three
 from tests.writing import edit
@@ -80,7 +81,7 @@ def test_the_schemas_are_those_of_the_structs(kind):
 
 def test_the_same_model_may_be_there_twice(path):
     edit(path, lambda data: data["objects"].append({**data["objects"][0], "id": "again"}))
-    opened = open_scene_files(path)
+    opened = open_scene(Sources(scene=path))
     assert opened.objects[3].mesh.whole is opened.objects[0].mesh.whole
 
 
@@ -108,7 +109,7 @@ def test_another_size_or_unit_is_said(path):
     scene = load_scene(path)
     edit(path, lambda data: data["views"][0]["photo"].update(width=100))
     with pytest.raises(PoseViewerError, match="320x240 px, and its camera is for 100x240"):
-        open_scene_files(path)
+        open_scene(Sources(scene=path))
     save_scene(path, scene)
 
     def set_units(data) -> None:
@@ -116,7 +117,7 @@ def test_another_size_or_unit_is_said(path):
         data["objects"][2]["model"]["unit"] = "m"
 
     with pytest.raises(PoseViewerError, match="ball is in mm and apart in m"):
-        open_scene_files(edit(path, set_units))
+        open_scene(Sources(scene=edit(path, set_units)))
 
 
 def test_a_mask_of_another_size_is_said(path, tmp_path):
@@ -124,7 +125,7 @@ def test_a_mask_of_another_size_is_said(path, tmp_path):
     save_scene(path, scene.with_object(0, in_views=(InView(mask=Mask.of(np.ones((240, 320)))),)))
     (tmp_path / "three.scene.1.mask.png").write_bytes(mask_as_png(Mask.of(np.ones((10, 20)))))
     with pytest.raises(PoseViewerError, match=r"20x10 px, the photo three\.png has 320x240"):
-        open_scene_files(path)
+        open_scene(Sources(scene=path))
 
 
 def test_a_scene_with_masks_is_saved_over_itself(path):

@@ -12,12 +12,12 @@ import pytest
 from poseviewer.errors import PhotoFileError
 from poseviewer.files import photo, video, video_decoding
 from poseviewer.files.checks import InputFile
-from poseviewer.files.file_set import files_below, sort_set
 from poseviewer.files.image_sequence import ImageSequence, load_sequence
 from poseviewer.files.photo import load_photo
-from poseviewer.files.state.uploads import keep_zip
 from poseviewer.files.video import extract_frames, load_record, save_video
 from poseviewer.files.writing import sha256_of
+from poseviewer.opening.sources import files_below, sort_set
+from poseviewer.opening.uploads import keep_set, keep_zip, pack
 from tests.videos import (
     RATE,
     bar_of,
@@ -95,6 +95,23 @@ def test_a_copy_of_a_video_has_its_frames_whatever_its_time(tmp_path: Path) -> N
         record = load_record(first.paths[0].parent)
         assert record is not None
         assert record.modified_ns == 1e9 * time  # the next time it is not read through
+
+
+@pytest.mark.parametrize("changes", [1, 2])
+def test_a_folder_of_a_video_that_was_replaced_is_opened_by_each_way(tmp_path, changes) -> None:
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    for count in range(3, 4 + changes):
+        clip = write_video(mine / "clip.mp4", count)
+        kept = load_sequence(clip, 2)  # the page takes every frame
+    assert kept.paths[0].parent.name == f"clip.mp4.{changes + 1}.frames"
+    names = [path.relative_to(tmp_path).as_posix() for path in files_below(mine)]
+    dropped = keep_set(tmp_path / "uploads", pack((n, (tmp_path / n).read_bytes()) for n in names))
+    for folder in (dropped / "mine", mine):
+        for _ in range(2):
+            opened = load_sequence(sort_set(files_below(folder)).frames)
+            assert bars(opened) == list(range(3 + changes))
+            assert opened.paths[0].parent == folder / kept.paths[0].parent.name
 
 
 def test_videos_of_one_name_do_not_share_frames(tmp_path: Path) -> None:

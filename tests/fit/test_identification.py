@@ -8,8 +8,9 @@ from poseviewer.errors import SettingsError
 from poseviewer.fit.identification import identify, settings_for_all
 from poseviewer.fit.problem import make_problem
 from poseviewer.geometry.rectangle import Rectangle
+from poseviewer.opening.scenes import open_scene
+from poseviewer.opening.sources import Sources
 from poseviewer.scene.settings import FitSettings, Limits
-from poseviewer.starts.loading import open_photo_scene
 from tests.commands import run
 
 BRIEFLY = FitSettings(limits=Limits(evaluations=150))
@@ -25,7 +26,7 @@ def others(tmp_path_factory):
 
 
 def open_all(scene, models):
-    return [open_photo_scene(scene.photo, model, scene.start) for model in models]
+    return [open_scene(Sources(scene.photo, model=model, start=scene.start)) for model in models]
 
 
 def test_the_model_of_the_photo_is_first(scene, others):

@@ -20,8 +20,10 @@ from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.symmetry_group import Symmetry, SymmetryAxis
+from poseviewer.opening.scenes import open_scene
+from poseviewer.opening.sources import Sources
 from poseviewer.render.software.software_renderer import SoftwareRenderer
-from poseviewer.starts.loading import Start, open_photo_scene
+from poseviewer.starts.start import Start
 from poseviewer.vehicle.chart import MIN_AXLE_COMPONENT, VehicleChart
 from tests.geometry.test_charts import make_keypoints
 from tests.opened import by, locked
@@ -29,7 +31,7 @@ from tests.opened import by, locked
 
 @pytest.fixture(scope="module")
 def opened(scene):
-    return open_photo_scene(scene.photo, scene.model, scene.truth)
+    return open_scene(Sources(scene.photo, model=scene.model, start=scene.truth))
 
 
 @pytest.fixture(scope="module")

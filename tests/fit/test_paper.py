@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from poseviewer.fit.problem import FitProblem, ViewResidual, pose_loss
+from poseviewer.fit.compared_pixels import ViewResidual
+from poseviewer.fit.problem import FitProblem, pose_loss
 from poseviewer.fit.progress import Status
 from poseviewer.fit.stages import fit_pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart

@@ -9,9 +9,14 @@ from poseviewer.api import make_registration
 from poseviewer.app.state.document import with_camera
 from poseviewer.confidence.verdict import FOUND_FROM
 from poseviewer.files.scene_assets import load_model
+from poseviewer.fit.problem import make_problem
+from poseviewer.fit.proportions import StretchProbe
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.transform import nearest_rotation
+from poseviewer.opening.scenes import open_scene
+from poseviewer.opening.sources import Sources
+from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.scene.types import Scene
-from poseviewer.starts.loading import open_photo_scene
 from tests.meshes import make_box, make_printed, make_sphere, merged
 from tests.scene import make_scene_of
 
@@ -22,7 +27,25 @@ def stretched(scene, *factors: float) -> Scene:
     normals = model.mesh.normals / factors
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     mesh = replace(model.mesh, vertices=model.mesh.vertices * factors, normals=normals)
-    return open_photo_scene(scene.photo, model.with_content(mesh=mesh), scene.start)
+    return open_scene(Sources(scene.photo, model=model.with_content(mesh=mesh), start=scene.start))
+
+
+def test_a_stretch_draws_a_stretched_model_and_leaves_the_rotation_rigid(scene):
+    opened = stretched(scene, 1.0, 1.0, 1.0)
+    mesh, factors = opened.objects[0].mesh, np.array([1.3, 0.8, 1.1])
+    problem = make_problem(opened)[0]
+    probe = StretchProbe(problem, SoftwareRenderer(mesh), opened.pose(0), threads=1)
+    pose = probe.pose(np.append(np.zeros(len(probe.motions)), np.log(factors)))
+    rotation = pose.camera_from_model.rotation
+    np.testing.assert_allclose(rotation, nearest_rotation(rotation), atol=1e-12)
+    about = probe.fixed_point
+    longer = replace(mesh, vertices=about + (mesh.vertices - about) * factors)
+    rigid = opened.pose(0)
+    np.testing.assert_allclose(pose.project(mesh.vertices), rigid.project(longer.vertices))
+    drawn, wanted = (
+        SoftwareRenderer(of).render_mask(at) for of, at in ((mesh, pose), (longer, rigid))
+    )
+    assert np.count_nonzero(drawn != wanted) <= 0.01 * np.count_nonzero(wanted)
 
 
 @pytest.mark.parametrize("axis", [0, 2])
@@ -73,7 +96,11 @@ def test_a_box_is_not_found_on_an_ellipse_of_its_size(tmp_path):
     box = replace(plain, vertices=plain.vertices * [1.0, 1.0, 6.0])
     scene = make_scene_of(disc, tmp_path)
     model = load_model(scene.model).with_content(mesh=box)
-    verdict = make_registration(open_photo_scene(scene.photo, model, scene.start)).fit().verdict
+    verdict = (
+        make_registration(open_scene(Sources(scene.photo, model=model, start=scene.start)))
+        .fit()
+        .verdict
+    )
     assert verdict is not None
     assert verdict.label != "found"
 
@@ -85,7 +112,9 @@ def test_a_plate_that_lacks_a_corner_is_not_found_on_a_whole_one(tmp_path):
     scene, words = make_scene_of(whole, tmp_path), []
     model = load_model(scene.model)
     for mesh in (whole, corner):
-        opened = open_photo_scene(scene.photo, model.with_content(mesh=mesh), scene.start)
+        opened = open_scene(
+            Sources(scene.photo, model=model.with_content(mesh=mesh), start=scene.start)
+        )
         verdict = make_registration(opened).fit().verdict
         assert verdict is not None
         assert verdict.probability >= FOUND_FROM

@@ -14,10 +14,11 @@ from poseviewer.fit.search import Search, is_accepted, is_focal_moved, is_restar
 from poseviewer.fit.stages import fit_pose, make_stages
 from poseviewer.fit.visibility import Occlusion
 from poseviewer.losses.default_loss import DEFAULT
+from poseviewer.opening.scenes import open_scene
+from poseviewer.opening.sources import Sources
 from poseviewer.render.renderers import make_renderer
 from poseviewer.scene.settings import Limits
 from poseviewer.scene.types import Scene
-from poseviewer.starts.loading import open_photo_scene
 
 FOUND, UNSURE = Verdict("found", SURE_FROM), Verdict("found", SURE_FROM - 0.01)
 LOST = Verdict("lost", 0.1)
@@ -49,7 +50,7 @@ def run(scene: Scene, renderer, **changes) -> list[FitProgress]:
 @pytest.fixture(scope="module")
 def small(scene):
     """A small problem, its scene and renderer, and where one search ends."""
-    data = open_photo_scene(scene.photo, scene.model, scene.start)
+    data = open_scene(Sources(scene.photo, model=scene.model, start=scene.start))
     problem, _ = make_problem(data)
     renderer = make_renderer(data.objects[0].mesh)
     *_, alone = fit_pose(problem, renderer)

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import SettingsError
-from poseviewer.fit.problem import FitProblem, ViewResidual, pose_loss
+from poseviewer.fit.compared_pixels import ViewResidual
+from poseviewer.fit.problem import FitProblem, pose_loss
 from poseviewer.fit.slices import Slice, landscape
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.free_body_chart import FreeBodyChart

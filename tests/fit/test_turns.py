@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from poseviewer.app.state.document import Document
-from poseviewer.app.state.session import SearchRequest
+from poseviewer.app.state.results import SearchRequest
 from poseviewer.app.workers.jobs import run_search
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.fit import search as searching
@@ -166,7 +166,7 @@ def test_what_is_taken_for_found_on_top_of_a_found_object_does_not_spoil_it(monk
     *_, last = run_search(SearchRequest(Document.of(scene), (SETTINGS,), (0, 1, 2)))
     assert "lost" in verdicts  # the other hides most of the ball in its second round
     for index in (0, 2):
-        result, verdict = last.results[index], last.progress_by_object[index].verdict
+        result, verdict = last.best.objects[index].result, last.progress_by_object[index].verdict
         assert result is not None
         assert result.verdict is verdict
         assert verdict is not None

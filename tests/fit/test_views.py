@@ -12,12 +12,14 @@ from poseviewer.fit.problem import FitProblem, make_problem, pose_loss
 from poseviewer.fit.search import Search
 from poseviewer.fit.slices import landscape
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.opening.photo_sets import SetChoice
+from poseviewer.opening.scenes import open_scene
+from poseviewer.opening.sources import Sources
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.scene.assets import ModelFile, PhotoFile
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import InView, Scene
-from poseviewer.starts.loading import open_views
 from tests.opened import locked
 from tests.view_sets import CAMERA, DISTANCE, MESH, START, TRUTH, focal_length, make_views
 
@@ -26,7 +28,8 @@ AT = np.array([0.02, 0.01, -0.03, 0.02, 0.0, 0.01])
 
 
 def make_scene(unit: float = 1.0, scale: float | None = 1.0) -> Scene:
-    return open_views(make_views(unit, scale), MODEL, START, FitSettings(), "a.png", None, None)
+    views, choice = make_views(unit, scale), SetChoice(view="a.png")
+    return open_scene(Sources(views=views, model=MODEL, start=START, choice=choice))
 
 
 @pytest.fixture(scope="module")

@@ -15,11 +15,10 @@ from poseviewer.app.page.controls import Controls
 from poseviewer.app.page.map_panel import add_maps
 from poseviewer.app.page.panels import add_fitting
 from poseviewer.app.page.texts import ends_table
-from poseviewer.app.state.searches import LossComparison
+from poseviewer.app.state.results import LossComparison
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import search_edits
-from poseviewer.app.workers.maps import MapMaker
-from poseviewer.app.workers.opening import open_files
+from poseviewer.app.workers.maps import MapMaker, maps_about
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_assets import load_model
 from poseviewer.files.scene_json import load_scene, save_scene
@@ -30,7 +29,7 @@ from poseviewer.losses.known_losses import LOSSES
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.scene.settings import FitSettings, Limits
 from tests.app.state import edits as c
-from tests.app.state.documents import after
+from tests.app.state.documents import after, open_files
 from tests.commands import refusal, run
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "assets" / "examples" / "own_loss.py"
@@ -121,7 +120,7 @@ def test_maps_show_it_alone_and_beside_the_others(scene, own):
         (piece,) = mine.slices
         assert np.isfinite(piece.losses).all()
         assert 0.0 <= piece.losses.min() < piece.losses.max() <= 2.0
-        assert LOSSES[own].label in mine.maps_in(mapped).title
+        assert LOSSES[own].label in maps_about(mine, mapped).title
 
 
 @pytest.mark.slow

@@ -13,7 +13,8 @@ from poseviewer.losses.loss import LossScale
 from poseviewer.losses.paper_loss import PAPER
 from poseviewer.render.attributes import PhotoAttributes
 from poseviewer.render.pyramid.levels import with_structure
-from tests.fit.test_paper import POSE, RENDERER, make_photo
+from tests.fit.test_paper import POSE, make_photo
+from tests.fit.test_problem import RENDERER
 from tests.losses.test_lighting_loss import SEEDS, make_moments, make_samples
 
 SCALE = UnexplainedScale(worst=4 * np.log1p(1e3) + 2 * EDGE_WEIGHT, correlations=4, colours=3)

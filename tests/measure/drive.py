@@ -29,7 +29,7 @@ from playwright.sync_api import Error as BrowserError
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_json import load_scene
-from poseviewer.files.state.autosave import load_autosave
+from poseviewer.files.state.session_file import load_autosave
 from poseviewer.geometry.transform import RigidTransform
 from tests.app.browser import AppPage, open_browser
 from tests.app.running_app import RunningApp, running_app

@@ -25,13 +25,11 @@ from pathlib import Path, PurePosixPath
 from zipfile import ZipFile
 
 from poseviewer.app.page.reports import meaning_of
-from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.pointer_edits import update
+from poseviewer.app.state.edits import Edit, update
 from poseviewer.batch.job_table import load_jobs
 from poseviewer.errors import MeshFileError, PoseViewerError
 from poseviewer.files.cameras import load_cameras
 from poseviewer.files.checks import InputFile, quiet_libraries
-from poseviewer.files.file_set import files_below, sort_set
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.keypoints import load_keypoints
@@ -41,12 +39,13 @@ from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.mesh.surface import as_mesh
 from poseviewer.files.mesh.three_mf import read_3mf
 from poseviewer.files.photo import load_photo
-from poseviewer.files.photo_sets import SetChoice, load_views
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_json import load_scene
-from poseviewer.files.state import uploads
-from poseviewer.files.state.autosave import load_autosave
+from poseviewer.files.state.session_file import load_autosave
 from poseviewer.files.symmetry import load_symmetry
+from poseviewer.opening import uploads
+from poseviewer.opening.photo_sets import SetChoice, load_views
+from poseviewer.opening.sources import files_below, sort_set
 from poseviewer.scene.settings import FitSettings
 from tests.app.state.documents import BUMPY, CAR, make_session
 from tests.writing import write

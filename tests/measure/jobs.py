@@ -32,11 +32,12 @@ from poseviewer.files.scene_assets import load_model, view_of_file
 from poseviewer.files.scene_json import load_scene, save_scene
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.placing import fit_into_rectangle, surface_point
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import rotation_angle
 from poseviewer.scene.types import Scene
-from poseviewer.starts.placing import SIDES, fit_into_rectangle, look_from, surface_point
+from poseviewer.starts.sides import SIDES, look_from
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 from tests.app.app_process import REPOSITORY, AppProcess
 from tests.app.browser import AppPage, open_browser

@@ -28,11 +28,11 @@ from poseviewer.files.pose import PoseRecord, load_pose, save_pose
 from poseviewer.files.scene_assets import load_model
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.lens import Lens, Undistortion
+from poseviewer.geometry.placing import surface_point
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.scene.types import PlacedModel
-from poseviewer.starts.loading import StartCamera
-from poseviewer.starts.placing import surface_point
 from poseviewer.starts.point_pairs import start_from_pairs
+from poseviewer.starts.start import StartCamera
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage, open_browser
 from tests.lenses import as_taken, write_camera

@@ -28,13 +28,13 @@ from poseviewer.errors import EXIT_MENDABLE, PoseViewerError, QuickStartError
 from poseviewer.evaluation.cases import Case, load_cases, load_starts, visibility_label
 from poseviewer.evaluation.trials import fetch_model, fetch_photo
 from poseviewer.files.photo import load_photo
-from poseviewer.files.photo_sets import LoadedViews, SetChoice
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import PoseError, pose_error
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import rotation_angle
+from poseviewer.opening.photo_sets import LoadedViews, SetChoice
 from poseviewer.render.pool import processors
 from poseviewer.scene.assets import PhotoFile
 from poseviewer.scene.types import View
@@ -46,7 +46,7 @@ from poseviewer.starts.automatic import (
     outline_box,
     propose,
 )
-from poseviewer.starts.loading import Start, StartInputs
+from poseviewer.starts.start import Start, StartInputs
 
 START_DEG, START_PERCENT = 15.0, 15.0
 """Largest errors of a right start: a search from there can be hoped to end well."""

@@ -12,6 +12,7 @@ from scipy.optimize import rosen
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.optimise import cma_es, nelder_mead, quadratic, simplex_restarts
 from poseviewer.optimise.protocol import Minimiser, State
+from poseviewer.optimise.restart_options import RestartOptions
 
 Function = Callable[[FloatArray], float]
 Search = Callable[..., Iterator[State]]
@@ -26,7 +27,7 @@ MINIMISERS = {
     "nelder_mead": bind(nelder_mead.minimise, nelder_mead.NelderMeadOptions(1e-6, 1e-10)),
     "simplex_restarts": bind(
         simplex_restarts.minimise,
-        simplex_restarts.RestartOptions(step=0.2, x_tolerance=1e-6, f_tolerance=1e-10),
+        RestartOptions(step=0.2, x_tolerance=1e-6, f_tolerance=1e-10),
     ),
     "cma_es": bind(
         cma_es.minimise,

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import minimize, rosen
 
 from poseviewer.optimise import simplex_restarts
-from poseviewer.optimise.nelder_mead import NelderMeadOptions, minimise
+from poseviewer.optimise.nelder_mead import Descent, NelderMeadOptions, minimise
 from poseviewer.optimise.restart_options import RestartOptions
 
 
@@ -64,6 +64,26 @@ def test_simplex_ends_on_a_staircase(dimensions):
     assert end.converged
     assert end.value <= steps(start)
     assert np.all(np.isfinite(end.candidate_losses))
+
+
+@pytest.mark.parametrize("evaluations", [9, 1000])
+def test_a_descent_ends_after_its_evaluations_or_where_it_converges(evaluations):
+    start, visited = np.zeros(6), []
+
+    def loss(x):
+        visited.append(x)
+        return bowl(x)
+
+    options = NelderMeadOptions(1e-3, 1e-4)
+    end = Descent(0.1, evaluations, options).run(loss, start)
+    assert end.converged == (evaluations == 1000)
+    assert end.value == min(map(bowl, visited))
+    if not end.converged:
+        assert len(visited) == evaluations + 1
+    assert any(point[5] != 0.0 for point in visited)
+    visited.clear()
+    Descent(0.1 * np.eye(6, 3), evaluations, options).run(loss, start)
+    assert all(point[5] == 0.0 for point in visited)  # no edge leads there
 
 
 def test_restarts_leave_a_collapsed_simplex():

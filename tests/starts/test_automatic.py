@@ -16,7 +16,7 @@ from poseviewer.files.scene_assets import load_model
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.starts.automatic import StartQuery, outermost_points, outline_box, propose
-from poseviewer.starts.loading import StartInputs
+from poseviewer.starts.start import StartInputs
 from tests.measure.real import careless_box, is_right
 from tests.scene import Scene
 

@@ -14,7 +14,7 @@ from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.starts.loading import StartCamera, StartInputs
+from poseviewer.starts.start import StartCamera, StartInputs
 from poseviewer.starts.wheels import find_wheel_pairs, likely_wheels, start_from_wheels
 from tests.commands import refusal, run
 from tests.measure.real import careless_box

@@ -17,7 +17,7 @@ from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.starts.automatic import StartQuery
 from poseviewer.starts.instances import propose_beside
-from poseviewer.starts.loading import StartInputs
+from poseviewer.starts.start import StartInputs
 from tests.commands import read_rows, run
 from tests.several import make_three
 from tests.two_boxes import CAMERA, MESH, TRUTH, make_two, off

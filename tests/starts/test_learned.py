@@ -22,10 +22,10 @@ from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.renderers import make_renderer
 from poseviewer.starts import automatic, learned
 from poseviewer.starts.automatic import StartQuery, outermost_points, outline_box, propose
+from poseviewer.starts.dino_features import PatchEncoder
 from poseviewer.starts.instances import AutoStart
 from poseviewer.starts.learned import compare_with_photo, propose_rectangles
-from poseviewer.starts.loading import StartInputs
-from poseviewer.starts.patch_features import PatchEncoder
+from poseviewer.starts.start import StartInputs
 from tests.measure.real import is_right
 from tests.meshes import make_bumpy
 from tests.scene import Scene

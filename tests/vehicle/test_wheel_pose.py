@@ -8,7 +8,7 @@ import pytest
 from poseviewer.errors import QuickStartError
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform, rotation_about, rotation_angle
-from poseviewer.starts.placing import look_from
+from poseviewer.starts.sides import look_from
 from poseviewer.vehicle import wheel_pose
 from poseviewer.vehicle.chart import visible_side
 from poseviewer.vehicle.wheel_pose import Ellipse, Wheels, ellipse_through, poses_from_wheels

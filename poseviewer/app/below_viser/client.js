@@ -47,9 +47,11 @@ function send(message) {
 // --- fields -------------------------------------------------------------------------------------
 // What is typed stays in its field until it is applied, as one edit: a number when its field is left
 // or its arrows are let go, a text also when typing pauses. Till then viser's own message of each
-// key is dropped, and the server's values for the field wait.
+// key is dropped, and the server's values for the field wait. A number field shows what it makes of
+// the keys ("1.3905" of 1,390.5): what stands there otherwise than it was written is no number.
 const NUMBER = ".mantine-NumberInput-input";
 const TYPED = `${NUMBER}, .mantine-TextInput-input`;
+const NUMERAL = /^-?\d*\.?\d*$/;
 const PAUSE_MS = 500;
 const LATE_MS = 100; // twice the time by which viser may send a key later
 const field = {
@@ -58,6 +60,8 @@ const field = {
   applied: "", // its text at first, or as it was last applied
   told: undefined, // the server's value, where it came later
   isTyped: false, // since then
+  written: "", // what the field holds with the last key, before it is changed for being no number
+  wrong: "", // what was written that is no number
   timer: 0, // that applies a text
   isLost: false, // it went while it had the focus: its keys still come, and are nobody's
 };
@@ -84,10 +88,17 @@ function uuidOf(node) {
 }
 
 function applyField() {
-  const { node, uuid, applied, told, isTyped } = field;
+  const { node, uuid, applied, told, isTyped, wrong } = field;
   clearTimeout(field.timer);
+  const value = node?.matches(NUMBER) ? Number(node.value || NaN) : node?.value;
+  if (wrong || Math.abs(value) === Infinity) {
+    const label = [...document.querySelectorAll("label")].find((own) => own.htmlFor === uuid);
+    send({ kind: "no number", name: label?.textContent ?? "", text: wrong || node.value });
+    leaveField(true);
+    node.blur();
+    return;
+  }
   if (!node || (node.value === applied && (told === undefined || !isTyped))) return;
-  const value = node.matches(NUMBER) ? Number(node.value || NaN) : node.value;
   if (Number.isNaN(value)) return;
   Object.assign(field, { applied: node.value, told: undefined, isTyped: false });
   if (vm().sendMessage === sendMessage) sendNow(update(uuid, value));
@@ -98,9 +109,10 @@ function applyField() {
 function leaveField(isTakenBack) {
   if (!isTakenBack) applyField();
   const { node, uuid, applied } = field;
+  if (!node) return; // it was taken back
   const isWrong = node.value !== applied;
   const value = field.told ?? (isWrong ? Number(applied) : undefined);
-  Object.assign(field, { node: null, uuid: "" });
+  Object.assign(field, { node: null, uuid: "", wrong: "" });
   setTimeout(() => { if (field.uuid !== uuid) typed.delete(uuid); }, LATE_MS);
   if (isWrong) show(uuid, ""); // else what viser has might not change
   if (value !== undefined) queueMicrotask(() => show(uuid, value));
@@ -129,10 +141,27 @@ addEventListener("pointerdown", (event) => {
   field.isLost = false;
   if (event.target !== field.node) applyField(); // before what the press does
 }, true);
+addEventListener("beforeinput", ({ target }) => {
+  if (target !== field.node || !target.value) return;
+  if (target.selectionStart === 0 && target.selectionEnd === target.value.length) field.wrong = "";
+}, true);
+addEventListener("input", (event) => {
+  if (event.target !== field.node) return;
+  field.written = field.node.value;
+  if (!field.written) field.wrong = "";
+}, true);
 addEventListener("input", (event) => {
   if (event.target !== field.node) return;
   field.isTyped = true;
-  if (field.node.matches(NUMBER)) return;
+  if (field.node.matches(NUMBER)) {
+    const text = field.written.replace(/^\+|\s/g, "").replace(",", "."); // 1 390 is 1390
+    const shown = field.node.value;
+    const isRead = Number(shown) === Number(text) && shown.includes(".") === text.includes(".");
+    const isCut = shown.includes(".") && text.startsWith(shown); // after its last decimal
+    if (field.wrong) field.wrong += event.data ?? "";
+    else if (!NUMERAL.test(text) || !(shown === text || isRead || isCut)) field.wrong = field.written;
+    return;
+  }
   clearTimeout(field.timer);
   field.timer = setTimeout(applyField, PAUSE_MS);
 });

@@ -20,7 +20,7 @@ import viser
 from viser import _messages as m
 from viser.infra import ClientId
 
-from poseviewer.files.state.uploads import MAX_UPLOAD_BYTES, display_name, why_unfit
+from poseviewer.opening.uploads import MAX_UPLOAD_BYTES, display_name, why_unfit
 
 MIN_PART_BYTES = 65_536
 """Least size of a part: viser's page sends 512 KiB."""

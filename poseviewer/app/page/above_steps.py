@@ -1,8 +1,8 @@
 """HTML of the left panel: list of objects, parts left out, bars of loss and of compiling."""
 
-from html import escape
+import htpy as h
 
-from poseviewer.app.page.controls import Controls, on_press, plain
+from poseviewer.app.page.controls import Controls, as_html, on_press, plain
 from poseviewer.app.state.document import label_of, verdict_of
 from poseviewer.app.state.session import Session
 from poseviewer.errors import percent
@@ -11,14 +11,17 @@ from poseviewer.scene.types import SceneObject
 
 COLOURS = "00e8ff", "ffa640", "a8f060", "ff80c8", "b096ff", "ffe260", "ff6860", "60a8ff"
 """RGB (hexadecimal) of the objects' outlines by their ids."""
+_BODY = h.rect(x="3", y="7", width="10", height="7", rx="1")
+_ICON = h.svg(viewBox="0 0 16 16")
 ICONS = {
-    "eye": '<path d="M1 8s2.6-4.5 7-4.5S15 8 15 8s-2.6 4.5-7 4.5S1 8 1 8z"/><circle cx="8" cy="8" '
-    'r="2"/>',
-    "lock": '<rect x="3" y="7" width="10" height="7" rx="1"/><path d="M5 7V5a3 3 0 016 0v2"/>',
-    "open": '<rect x="3" y="7" width="10" height="7" rx="1"/><path d="M5 7V4a3 3 0 016 0"/>',
-    "away": '<path d="M4 4l8 8M12 4l-8 8"/>',
+    "eye": _ICON[
+        h.path(d="M1 8s2.6-4.5 7-4.5S15 8 15 8s-2.6 4.5-7 4.5S1 8 1 8z"),
+        h.circle(cx="8", cy="8", r="2"),
+    ],
+    "lock": _ICON[_BODY, h.path(d="M5 7V5a3 3 0 016 0v2")],
+    "open": _ICON[_BODY, h.path(d="M5 7V4a3 3 0 016 0")],
+    "away": _ICON[h.path(d="M4 4l8 8M12 4l-8 8")],
 }
-"""SVG, 16 x 16."""
 
 
 def object_colour(number: int) -> tuple[int, int, int]:
@@ -32,34 +35,35 @@ def objects_list(session: Session) -> str:
     objects, active = session.document.scene.objects, session.document.object_id
     if len(objects) == 1:
         return ""
-    rows = "".join(_row(item, int(item.id) == active) for item in objects)
-    return f'<div class="pv-objects"><table><tbody>{rows}</tbody></table></div>'
+    rows = [_row(item, int(item.id) == active) for item in objects]
+    return as_html(h.div(".pv-objects")[h.table[h.tbody[rows]]])
 
 
-def _row(item: SceneObject, is_picked: bool) -> str:
-    name, number = escape(label_of(item)), int(item.id)
-    colour = object_colour(number)
-    at, pick = " class=pv-at" if is_picked else "", on_press("pick object", object_id=number)
+def _row(item: SceneObject, is_picked: bool) -> h.Element:
+    name, number = label_of(item), int(item.id)
+    at, pick = {"pv-at": is_picked}, on_press("pick object", object_id=number)
     hide, lock = ("show" if item.hidden else "hide"), ("unlock" if item.locked else "lock")
     hiding, locking = (
         on_press("alter object", object_id=number, what=what, on=not getattr(item, what))
         for what in ("hidden", "locked")
     )
-    icons = "".join(
-        f'<button type="button" title="{verb} it" aria-label="{verb} {number}" '
-        f"{'class=pv-faint ' if is_faint else ''}{press}>"
-        f'<svg viewBox="0 0 16 16">{ICONS[icon]}</svg></button>'
+    icons = [
+        h.button(
+            press, type="button", title=f"{verb} it", aria_label=f"{verb} {number}",
+            class_={"pv-faint": is_faint},
+        )[ICONS[icon]]
         for verb, icon, is_faint, press in (
             (hide, "eye", item.hidden, hiding),
             (lock, "lock" if item.locked else "open", not item.locked, locking),
             ("remove", "away", False, on_press("remove object", object_id=number)),
         )
-    )
-    return (
-        f'<tr{at} tabindex="0" title="{name}: pick it" {pick}>'
-        f'<td><i style="background:rgb{colour}"></i></td><td>{name}</td>'
-        f"<td>{escape(verdict_of(item))}</td><td>{icons}</td></tr>"
-    )
+    ]  # fmt: skip
+    return h.tr(pick, class_=at, tabindex="0", title=f"{name}: pick it")[
+        h.td[h.i(style=f"background:rgb{object_colour(number)}")],
+        h.td[name],
+        h.td[verdict_of(item)],
+        h.td[icons],
+    ]
 
 
 COMPILING = (
@@ -91,12 +95,12 @@ def add_preparing(controls: Controls) -> None:
 
 def parts_left_out(mesh: Mesh) -> str:
     """The parts that are left out, each with a button that brings it back (HTML)."""
-    rows = "".join(
-        f'<li>{escape(name or "(unnamed)")}<button type="button" '
-        f"{on_press('part', index=index)}>Bring back</button></li>"
+    back = "Bring back"
+    rows = [
+        h.li[name or "(unnamed)", h.button(on_press("part", index=index), type="button")[back]]
         for index, name in enumerate(mesh.left_out)
-    )
-    return f'<div class="pv-parts">Left out of the model:<ul>{rows}</ul></div>' if rows else ""
+    ]
+    return as_html(rows and h.div(".pv-parts")["Left out of the model:", h.ul[rows]])
 
 
 def loss_bar(session: Session) -> str:
@@ -116,14 +120,9 @@ def loss_bar(session: Session) -> str:
     if pose is not None and not session.is_searching:  # of a search's poses the parts are not asked
         marks["pose"] = pose.loss
         parts = f" This pose: {pose.parts_text}." if pose.parts_text else ""
-    drawn = key = ""
-    for name, loss in marks.items():
-        if loss is not None:
-            left = 100.0 * scale.as_unexplained(loss)
-            drawn += f'<i class="pv-{name}" style="left:{left:.1f}%"></i>'
-            key += f'<span><i class="pv-{name}"></i>{name}</span>'
-    said = escape(f"What is unexplained: 0, nothing is, to 1, all is.{parts}")
-    return (
-        f'<div class="pv-loss" title="{said}"><div><span>0</span><div class="pv-line">{drawn}</div>'
-        f"<span>1</span></div><div>{key}</div></div>"
-    )
+    known = {name: scale.as_unexplained(loss) for name, loss in marks.items() if loss is not None}
+    line = [h.i(f".pv-{name}", style=f"left:{100.0 * at:.1f}%") for name, at in known.items()]
+    key = [h.span[h.i(f".pv-{name}"), name] for name in known]
+    said = f"What is unexplained: 0, nothing is, to 1, all is.{parts}"
+    bar = h.div[h.span["0"], h.div(".pv-line")[line], h.span["1"]]
+    return as_html(h.div(".pv-loss", title=said)[bar, h.div[key]])

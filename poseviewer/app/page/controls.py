@@ -10,27 +10,26 @@ import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from operator import attrgetter
 from typing import Any
 
 import cv2
+import htpy as h
 import numpy as np
 import viser
 from numpy.typing import NDArray
 
 from poseviewer.app.below_viser.incoming import take_upload
 from poseviewer.app.below_viser.inputs import call_in_loop, confirm_value
-from poseviewer.app.state.display_edits import set_fields
-from poseviewer.app.state.edits import ShowHelp
+from poseviewer.app.state.edits import ShowHelp, set_fields
 from poseviewer.app.state.keys_and_buttons import ACTIONS
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import Export
 from poseviewer.app.workers.tasks import Request, download, upload
 from poseviewer.errors import in_words
-from poseviewer.files.file_set import Kind
-from poseviewer.files.state.uploads import ACCEPTED
 from poseviewer.geometry.lens import LensModel
+from poseviewer.opening.sources import Kind
+from poseviewer.opening.uploads import ACCEPTED
 
 Post = Callable[[Request], int]
 """Posts a request; gives its number, which counts up."""
@@ -332,9 +331,14 @@ def memoize(key: Callable[[Session], tuple[object, ...]], read: Read) -> Read:
     return look
 
 
-def on_press(kind: str, **report: Any) -> str:
-    """HTML attribute that has the page's script report a press, or Enter, on an element."""
-    return f'data-report="{escape(json.dumps({"kind": kind, **report}))}"'
+def as_html(*nodes: h.Node) -> str:
+    """HTML, or SVG, of elements; texts in them are shown letter for letter."""
+    return "".join(h.fragment[nodes].iter_chunks())
+
+
+def on_press(kind: str, **report: Any) -> dict[str, str]:
+    """Attribute that has the page's script report a press, or Enter, on an element."""
+    return {"data-report": json.dumps({"kind": kind, **report})}
 
 
 def data_url(kind: str, content: bytes) -> str:

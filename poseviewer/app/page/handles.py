@@ -2,16 +2,16 @@
 
 from collections.abc import Iterator
 from contextlib import suppress
-from html import escape
 
+import htpy as h
 import numpy as np
 
-from poseviewer.app.page.controls import jpeg_url, on_press
+from poseviewer.app.page.controls import as_html, jpeg_url, on_press
 from poseviewer.app.page.measure_panel import distance_text
-from poseviewer.app.state.document import is_shown
+from poseviewer.app.state.document import MARKING, is_shown
 from poseviewer.app.state.dragging import pins_in_photo
 from poseviewer.app.state.hiding import HIDING
-from poseviewer.app.state.marking import MARKING, marks_in_photo
+from poseviewer.app.state.marking import marks_in_photo
 from poseviewer.app.state.session import Session
 from poseviewer.errors import QuickStartError
 from poseviewer.geometry.arrays import FloatArray
@@ -33,10 +33,10 @@ MARK_COLOUR = "#ffe246"
 """Colour of a mark on the photo."""
 MODEL_MARK_COLOUR = "#ff78dc"
 """Colour of the model's point that belongs to a mark."""
-PIN = '<circle r="11"/><path d="M4 0H16M-4 0H-16M0 4V16M0-4V-16"/>'
-CROSS = '<path d="M2 0H8M-2 0H-8M0 2V8M0-2V-8"/>'
+PIN = h.circle(r="11"), h.path(d="M4 0H16M-4 0H-16M0 4V16M0-4V-16")
+CROSS = h.path(d="M2 0H8M-2 0H-8M0 2V8M0-2V-8")
 """SVG of a mark on the photo, px of the screen about its place."""
-DIAMOND = '<path d="M5 0L0 5L-5 0L0-5Z"/>'
+DIAMOND = h.path(d="M5 0L0 5L-5 0L0-5Z")
 """SVG of a point of the model, px of the screen about its place."""
 
 
@@ -57,10 +57,10 @@ def handles_of(session: Session) -> str:
         drawn += () if alone else _measurement(session)
     elif session.tool not in HIDING and not alone and is_shown(document.object):
         drawn += _pins(session)
-    return "".join(drawn)
+    return as_html(drawn)
 
 
-def _pins(session: Session) -> Iterator[str]:
+def _pins(session: Session) -> Iterator[h.Node]:
     """The pins of the pose at hand; a vehicle's have names."""
     document = session.document
     pins = pins_in_photo(document)
@@ -70,10 +70,10 @@ def _pins(session: Session) -> Iterator[str]:
     for pin, colour in zip(pins, PIN_COLOURS, strict=False):
         yield _at(pin, PIN, colour, "pv-pin")
     for pin, (text, below) in zip(pins, PIN_LABELS if has_names else (), strict=False):
-        yield _at(pin, f'<text x="4" y="{below}">{text}</text>')
+        yield _at(pin, h.text(x="4", y=below)[text])
 
 
-def _marks(session: Session) -> Iterator[str]:
+def _marks(session: Session) -> Iterator[h.Node]:
     """Crosses at the clicks, diamonds at the model's points, lines between, and wheels."""
     marks, pose = session.document.marks, session.document.pose
     photo = marks_in_photo(marks, session.tool)
@@ -93,18 +93,19 @@ def _marks(session: Session) -> Iterator[str]:
     for place in photo:
         yield _at(place, CROSS, MARK_COLOUR)
     for i, place in enumerate(model):
-        label = f'<text x="4" y="-4">{i + 1}</text>' if i < len(photo) else ""
-        yield _at(place, DIAMOND, MODEL_MARK_COLOUR) + (label and _at(photo[i], label))
+        yield _at(place, DIAMOND, MODEL_MARK_COLOUR)
+        if i < len(photo):
+            yield _at(photo[i], h.text(x="4", y="-4")[i + 1])
 
 
-def _measurement(session: Session) -> Iterator[str]:
+def _measurement(session: Session) -> Iterator[h.Node]:
     """Numbered crosses at the measured pixels, a line between two, and their distance."""
     pixels = session.measurement_pixels
     for number, pixel in enumerate(pixels, 1):
-        yield _at(pixel, f'{CROSS}<text x="6" y="-6">{number}</text>', MARK_COLOUR)
+        yield _at(pixel, (CROSS, h.text(x="6", y="-6")[number]), MARK_COLOUR)
     if len(pixels) > 1:
         yield _lines(np.array([pixels]), MARK_COLOUR)
-        label = f'<text y="22" text-anchor="middle">{escape(distance_text(session))}</text>'
+        label = h.text(y="22", text_anchor="middle")[distance_text(session)]
         yield _at(np.mean(pixels, axis=0), label)
 
 
@@ -116,28 +117,29 @@ def model_html(session: Session) -> str:
         return ""
     (pose, pixels), marks = session.results.alone, session.document.marks
     height, width = pixels.shape[:2]
-    drawn = f'<image href="{jpeg_url(pixels[..., ::-1], QUALITY)}" width="100%" height="100%"/>'
+    url = jpeg_url(pixels[..., ::-1], QUALITY)
+    drawn = [h.image(href=url, width="100%", height="100%")]
     for number, place in enumerate(marks.hubs if session.tool == "wheels" else marks.points, 1):
         x, y = pose.project(place)
-        at = f'transform="translate({x:.1f} {y:.1f})"'
-        drawn += f'<g {at} stroke="{MODEL_MARK_COLOUR}">{DIAMOND}</g>'
-        drawn += f'<g {at}><text x="8" y="-8">{number}</text></g>'
-    box = f'viewBox="0 0 {width} {height}" data-turns="turn model"'
-    return f'<div class="pv-model"><svg {box} {on_press("mark model")}>{drawn}</svg></div>'
+        at = {"transform": f"translate({x:.1f} {y:.1f})"}
+        drawn.append(h.g(at, stroke=MODEL_MARK_COLOUR)[DIAMOND])
+        drawn.append(h.g(at)[h.text(x="8", y="-8")[number]])
+    box = {"viewBox": f"0 0 {width} {height}", "data-turns": "turn model"}
+    return as_html(h.div(".pv-model")[h.svg(box, on_press("mark model"))[drawn]])
 
 
-def _rectangle(rectangle: Rectangle | None, colour: str) -> str:
+def _rectangle(rectangle: Rectangle | None, colour: str) -> h.Node:
     if rectangle is None:
-        return ""
+        return None
     left, top, width, height = rectangle
     path = f"M{left:.2f} {top:.2f}h{width:.2f}v{height:.2f}h{-width:.2f}Z"
-    return f'<path class="pv-line" stroke="{colour}" d="{path}"/>'
+    return h.path(".pv-line", stroke=colour, d=path)
 
 
-def _lines(lines: FloatArray, colour: str) -> str:
+def _lines(lines: FloatArray, colour: str) -> h.Element:
     """Lines (n, 2, 2); those of which an end is nowhere are left out."""
     path = path_of(lines[np.isfinite(lines).all(axis=(1, 2))])
-    return f'<path class="pv-line" stroke="{colour}" d="{path}"/>'
+    return h.path(".pv-line", stroke=colour, d=path)
 
 
 def path_of(lines: FloatArray) -> str:
@@ -145,10 +147,10 @@ def path_of(lines: FloatArray) -> str:
     return "".join(f"M{a:.1f} {b:.1f}L{c:.1f} {d:.1f}" for (a, b), (c, d) in lines.tolist())
 
 
-def _at(place: FloatArray, drawing: str, colour: str = "none", name: str = "") -> str:
-    """A drawing in px of the screen about a place (2,); "" for one that is nowhere."""
+def _at(place: FloatArray, drawing: h.Node, colour: str = "none", name: str = "") -> h.Node:
+    """A drawing in px of the screen about a place (2,); None for one that is nowhere."""
     if not np.isfinite(place).all():
-        return ""
+        return None
     x, y = place
-    at = f'class="{name}" transform="translate({x:.2f} {y:.2f})"'
-    return f'<g {at} stroke="{colour}"><g class="pv-px">{drawing}</g></g>'
+    at = h.g(class_=name, transform=f"translate({x:.2f} {y:.2f})", stroke=colour)
+    return at[h.g(".pv-px")[drawing]]

@@ -1,29 +1,30 @@
 """The loss landscape at the right: all maps, and one of them large.
 
-All maps are one piece of HTML, in a triangle as a corner plot. The looks of its classes ``pv-...``
+All maps are one element, in a triangle as a corner plot. The looks of its classes ``pv-...``
 stand in ``page.css``.
 """
 
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from html import escape
 from io import BytesIO
 from itertools import combinations
 from operator import attrgetter
 
 import cv2
+import htpy as h
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from poseviewer.app.page.controls import Controls, data_url, memoize, on_press, plain
+from poseviewer.app.page.controls import Controls, as_html, data_url, memoize, on_press, plain
 from poseviewer.app.page.handles import model_html
 from poseviewer.app.page.measure_panel import add_relative, measurement_html
 from poseviewer.app.page.result import result_html
-from poseviewer.app.state.display_edits import set_fields
+from poseviewer.app.state.edits import set_fields
 from poseviewer.app.state.results import Landscape
 from poseviewer.app.state.session import MappedLoss, Session
+from poseviewer.app.workers.maps import covariance_about, path_about
 from poseviewer.confidence.pose_covariance import ellipse
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.slices import Pair, Slice, end_on_maps
@@ -41,8 +42,6 @@ MAX_TRAIL = 60
 """Points of a trail that are drawn, at most, on each map."""
 MIN_COLUMNS = 4
 """Columns that the maps are sized for: fewer maps grow no larger, and leave room for the key."""
-_DOTS = '<g class="pv-dots"><path class="pv-halo" d="{0}"/><path d="{0}"/></g>'
-_CROSS = '<path class="pv-halo" d="M-5-5L5 5M-5 5L5-5"/><path d="M-5-5L5 5M-5 5L5-5"/>'
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,125 +73,136 @@ class LossGrid:
     large: Pair | None = None
     """The pair whose map is shown large as well."""
 
-    def html(self) -> str:
+    def html(self) -> h.Element:
         """The maps, their names, the colours' meaning: 15 maps for six parameters."""
         free = tuple(range(len(self.names))) if self.free is None else self.free
         pieces = {(s.first, s.second): s for s in self.slices if not np.isnan(s.losses).all()}
-        cells = "".join(
+        cells = [
             self._cell(pieces.get(pair), f"{free.index(pair[1])}/{free.index(pair[0]) + 2}")
             for pair in combinations(free, 2)
-        )
+        ]
         columns = max(len(free) - 1, MIN_COLUMNS)
         large = pieces.get(self.large) if self.large is not None else None
-        return (
-            f'<div class="pv-with">{"" if large is None else self._large(large)}'
-            f'<div class="pv-land{" pv-dim" if self.dimmed else ""}" '
-            f'style="grid-template-columns:1.9rem repeat({columns},minmax(0,1fr))">'
-            f"{self._labels(free)}{cells}{self._key()}</div></div>"
-        )
+        return h.div(".pv-with")[
+            None if large is None else self._large(large),
+            h.div(
+                class_=["pv-land", {"pv-dim": self.dimmed}],
+                style=f"grid-template-columns:1.9rem repeat({columns},minmax(0,1fr))",
+            )[self._labels(free), cells, self._key()],
+        ]
 
-    def _labels(self, free: Sequence[int]) -> str:
+    def _labels(self, free: Sequence[int]) -> h.Node:
         """The second parameters left of their rows, the first ones below their columns."""
-        last, labels = len(free), ""
+        last, labels = len(free), list[h.Element]()
         for i, parameter in enumerate(free):
-            name, hint = (escape(say(self.names[parameter])) for say in (short_name, tooltip))
-            areas = {"row": f"{i}/1" if i else "", "col": f"{last}/{i + 2}" if i < last - 1 else ""}
-            for kind, area in areas.items():
-                style = f'class="pv-{kind}" style="grid-area:{area}" title="{hint}"'
-                labels += f"<span {style}>{name}</span>" if area else ""
+            name, hint = (say(self.names[parameter]) for say in (short_name, tooltip))
+            if i:
+                labels.append(h.span(".pv-row", style=f"grid-area:{i}/1", title=hint)[name])
+            if i < last - 1:
+                area = f"grid-area:{last}/{i + 2}"
+                labels.append(h.span(".pv-col", style=area, title=hint)[name])
         return labels
 
-    def _large(self, piece: Slice) -> str:
+    def _large(self, piece: Slice) -> h.Element:
         """A map with its two ranges and its least value."""
         axes = (piece.first, piece.first_values), (piece.second, piece.second_values)
         x, y = (
-            f"{escape(short_name(self.names[index]))} {values[0]:.4g} ... {values[-1]:.4g}"
+            f"{short_name(self.names[index])} {values[0]:.4g} ... {values[-1]:.4g}"
             for index, values in axes
         )
         least = piece.minimum
-        said = "" if least is None else f", lowest {escape(self.what)} {least.loss:.3f}"
-        return (
-            f'<div class="pv-large">{self._cell(piece)}'
-            f"<div>to the right {x}, upwards {y}{said}</div></div>"
-        )
+        said = "" if least is None else f", lowest {self.what} {least.loss:.3f}"
+        text = f"to the right {x}, upwards {y}{said}"
+        return h.div(".pv-large")[self._cell(piece), h.div[text]]
 
-    def _cell(self, piece: Slice | None, area: str = "") -> str:
-        style = f'style="grid-area:{area}"' if area else ""
+    def _cell(self, piece: Slice | None, area: str = "") -> h.Element:
+        style = f"grid-area:{area}" if area else None
         if piece is None:
-            return f'<div class="pv-cell pv-none" {style}></div>'
+            return h.div(".pv-cell.pv-none", style=style)
         first, second = piece.first, piece.second
         pick, enlarge = (on_press(k, first=first, second=second) for k in ("pick", "enlarge"))
-        what = escape(f"{short_name(self.names[first])}, {short_name(self.names[second])}")
+        what = f"{short_name(self.names[first])}, {short_name(self.names[second])}"
         least = piece.minimum
         # The map from its first to its last grid point: half of each border pixel is cut off.
         step = 100.0 / (len(piece.first_values) - 1)
         side, start = f"{100.0 + step:.6g}", f"{-step / 2.0:.6g}"
-        return (
-            f'<div class="pv-cell" {style}><svg viewBox="0 0 100 100" {pick}>'
-            f"<title>{what}{f': lowest {least.loss:.3f}' if least else ''}</title>"
-            f'<image href="{_png_url(piece)}" x="{start}" y="{start}" width="{side}" '
-            f'height="{side}" preserveAspectRatio="none"/>{self._markers(piece)}</svg>'
-            f'<button type="button" title="{what}: large, and back" {enlarge}>⤢</button></div>'
-        )
+        place = {"x": start, "y": start, "width": side, "height": side}
+        return h.div(".pv-cell", style=style)[
+            h.svg(pick, viewBox="0 0 100 100")[
+                h.title[what, least and f": lowest {least.loss:.3f}"],
+                h.image(place, href=_png_url(piece), preserveAspectRatio="none"),
+                self._markers(piece),
+            ],
+            h.button(enlarge, type="button", title=f"{what}: large, and back")["⤢"],
+        ]
 
-    def _markers(self, piece: Slice) -> str:
+    def _markers(self, piece: Slice) -> h.Node:
         """Trail, candidates, the map's own minimum and the pose, the last on top of the others."""
-        drawn = ""
+        drawn = list[h.Element]()
         end = None if self.trail is None else end_on_maps(self.slices, self.trail)
         if end is not None and len(end) > 1:
             count = len(end)
             kept = np.linspace(0, count - 1, min(count, MAX_TRAIL)).round().astype(int)
             points = _points(piece, end[kept])
-            drawn += f'<polyline points="{points}"/><polyline class="pv-trail" points="{points}"/>'
+            drawn += h.polyline(points=points), h.polyline(".pv-trail", points=points)
         if self.candidates is not None and len(self.candidates):
             places = _on_picture(piece, self.candidates)
             within = places[np.all(np.abs(places - 50.0) <= 55.0, axis=1)]
-            drawn += _DOTS.format("".join(f"M{x:.4g} {y:.4g}h0" for x, y in within))
+            drawn.append(_dots("".join(f"M{x:.4g} {y:.4g}h0" for x, y in within)))
         least, pair = piece.minimum, [piece.first, piece.second]
         if least is not None:
             parameters = np.array(self.pose)
             parameters[pair] = least.first_value, least.second_value
             x, y = _on_picture(piece, parameters)
-            drawn += f'<circle class="pv-least" cx="{x:.4g}" cy="{y:.4g}" r="4"/>'
+            drawn.append(_least(x, y))
         covariance = None if self.covariance is None else self.covariance[np.ix_(pair, pair)]
         if covariance is not None and not np.isnan(covariance[0, 1]):
             region = ellipse(covariance)
             border = np.tile(self.pose, (len(region), 1))
             border[:, pair] += region
-            drawn += f'<polygon class="pv-region" points="{_points(piece, border)}"/>'
+            drawn.append(h.polygon(".pv-region", points=_points(piece, border)))
         point = _on_picture(piece, self.pose)
         x, y = held = np.clip(point, 0.0, 100.0)
-        beside = "" if np.array_equal(held, point) else " pv-beside"
-        at = f'transform="translate({x:.4g} {y:.4g})"'
-        return f'{drawn}<g class="pv-pose{beside}" {at}>{_CROSS}</g>'
+        return drawn, _cross(x, y, is_beside=not np.array_equal(held, point))
 
-    def _key(self) -> str:
+    def _key(self) -> h.Element:
         """The colours' and the markers' meaning, in the corner that the triangle leaves free."""
-        what = f"{escape(self.what)}, each map by itself, ±{100.0 * self.half_width:.3g}&nbsp;%"
+        what = f"{self.what}, each map by itself, ±{100.0 * self.half_width:.3g}\xa0%"
         error = max((piece.error or 0.0 for piece in self.slices), default=0.0)
         if error:
-            what += f", good to {100.0 * error:.1g}&nbsp;%"
-        whose = f"<b>{escape(self.whose)}</b><br>" if self.whose else ""
-        entries = {
-            "pose": f'<g class="pv-pose" transform="translate(50 50)">{_CROSS}</g>',
-            "lowest": '<circle class="pv-least" cx="50" cy="50" r="4"/>',
-        }
+            what += f", good to {100.0 * error:.1g}\xa0%"
+        entries = {"pose": _cross(50, 50), "lowest": _least(50, 50)}
         if self.candidates is not None:
-            entries["candidates"] = _DOTS.format("M43 55h0M57 55h0M52 44h0")
+            entries["candidates"] = _dots("M43 55h0M57 55h0M52 44h0")
         if self.covariance is not None:
-            entries["90 % region"] = '<ellipse class="pv-region" cx="50" cy="50" rx="8" ry="4"/>'
+            entries["90 % region"] = h.ellipse(".pv-region", cx="50", cy="50", rx="8", ry="4")
         if self.trail is not None:
-            entries["search path"] = '<path class="pv-trail" d="M42 54L48 48L52 52L58 45"/>'
-        key = "".join(
-            f'<span><svg viewBox="40 40 20 20">{drawing}</svg>{text}</span>'
-            for text, drawing in entries.items()
-        )
-        return (
-            f'<div class="pv-key"><div>{whose}{what}</div>'
-            '<div class="pv-bar"></div>'
-            '<div class="pv-ends"><span>lowest</span><span>highest</span></div>'
-            f'<div class="pv-marks">{key}</div></div>'
-        )
+            entries["search path"] = h.path(".pv-trail", d="M42 54L48 48L52 52L58 45")
+        box = h.svg(viewBox="40 40 20 20")
+        return h.div(".pv-key")[
+            h.div[self.whose and (h.b[self.whose], h.br), what],
+            h.div(".pv-bar"),
+            h.div(".pv-ends")[h.span["lowest"], h.span["highest"]],
+            h.div(".pv-marks")[[h.span[box[drawn], text] for text, drawn in entries.items()]],
+        ]
+
+
+def _with_halo(path: str) -> h.Node:
+    return h.path(".pv-halo", d=path), h.path(d=path)
+
+
+def _dots(path: str) -> h.Element:
+    return h.g(".pv-dots")[_with_halo(path)]
+
+
+def _least(x: float, y: float) -> h.Element:
+    return h.circle(".pv-least", cx=f"{x:.4g}", cy=f"{y:.4g}", r="4")
+
+
+def _cross(x: float, y: float, is_beside: bool = False) -> h.Element:
+    """The pose, at the border if it lies beside the map."""
+    names, at = ["pv-pose", {"pv-beside": is_beside}], f"translate({x:.4g} {y:.4g})"
+    return h.g(class_=names, transform=at)[_with_halo("M-5-5L5 5M-5 5L5-5")]
 
 
 def on_map(piece: Slice, parameters: FloatArray) -> FloatArray:
@@ -263,15 +273,15 @@ def maps_html(session: Session, before: str) -> str:
     """The maps; until there are any for this photo and model those ``before``, dimmed."""
     if not session.results.landscapes:
         return before.replace('"pv-land"', '"pv-land pv-dim"')
-    grids = "".join(grid_of(session, latest).html() for latest in session.results.landscapes)
-    return f'<div class="pv-both">{grids}</div>'
+    grids = [grid_of(session, latest).html() for latest in session.results.landscapes]
+    return as_html(h.div(".pv-both")[grids])
 
 
 def grid_of(session: Session, latest: Landscape) -> LossGrid:
     """The maps of a loss with the pose, and the search where it searches in the maps' chart."""
     problem, document = latest.problem, session.document
     pose = np.array(latest.parameters)
-    covariance, trail = latest.covariance_in(session), latest.path_in(session)
+    covariance, trail = covariance_about(latest, session), path_about(latest, session)
     search = session.own_progress
     is_followed = trail is not None and search is not None and session.is_searching
     candidates = search.progress.candidates if is_followed and search else None

@@ -1,16 +1,17 @@
 """Measurements in the panel at the right: points, their distance, and poses between objects."""
 
 from collections.abc import Sequence
-from html import escape
 
-from poseviewer.app.page.controls import Controls, memoize
+import htpy as h
+
+from poseviewer.app.page.controls import Controls, as_html, memoize
 from poseviewer.app.page.result import with_deviation
-from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.document import label_of
+from poseviewer.app.state.edits import set_fields
 from poseviewer.app.state.session import Session
 from poseviewer.errors import SettingsError
 from poseviewer.geometry.camera import Parallel
-from poseviewer.starts.measuring import (
+from poseviewer.scene.measuring import (
     MeasuredPoint,
     measure_distance,
     measure_point,
@@ -53,7 +54,7 @@ def measurement_html(session: Session) -> str:
     """The measured points in the frames of model and camera, and their distance; "": none."""
     points, document = measured_points(session), session.document
     if len(points) < len(session.measurement_pixels):
-        return '<div class="pv-result"><b>No model rests at a measured point.</b></div>'
+        return as_html(h.div(".pv-result")[h.b["No model rests at a measured point."]])
     if not points:
         return ""
     labels = (label_of(document.scene.objects[point.object_index]) for point in points)
@@ -70,10 +71,9 @@ def measurement_html(session: Session) -> str:
 
 def _table(head: str, rows: Sequence[Sequence[str]], copied: str) -> str:
     """Rows of texts below a title (HTML), and a button that copies a text."""
-    texts = [[escape(text) for text in row] for row in rows]
-    cells = "".join(f"<tr><th>{row[0]}</th><td>{'</td><td>'.join(row[1:])}</td>" for row in texts)
-    button = f'<div><button type="button" data-copy="{escape(copied)}">Copy</button></div>'
-    return f'<div class="pv-result"><b>{escape(head)}</b><table>{cells}</table>{button}</div>'
+    table = h.table[[h.tr[h.th[name], [h.td[text] for text in texts]] for name, *texts in rows]]
+    button = h.button(type="button", data_copy=copied)["Copy"]
+    return as_html(h.div(".pv-result")[h.b[head], table, h.div[button]])
 
 
 def add_relative(controls: Controls) -> None:
@@ -107,7 +107,7 @@ def relative_html(session: Session) -> str:
     try:
         pose = measure_relative(document.scene, document.active, other)
     except SettingsError as error:
-        return f'<div class="pv-result">{escape(str(error))}</div>'
+        return as_html(h.div(".pv-result")[str(error)])
     vectors = [pose["quaternion_wxyz"], pose["translation"]]
     shown = [" ".join(with_deviation(value, None) for value in vector) for vector in vectors]
     rows = [

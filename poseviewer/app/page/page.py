@@ -20,19 +20,19 @@ from poseviewer.app.page.rows import add_rows
 from poseviewer.app.page.strip import show_strip
 from poseviewer.app.page.texts import first_text, hint_of
 from poseviewer.app.reviewing import Reviewer
-from poseviewer.app.state.document import label_of
+from poseviewer.app.state.document import MARKING, label_of
 from poseviewer.app.state.edits import SavePose
 from poseviewer.app.state.hiding import SHAPES
 from poseviewer.app.state.keys_and_buttons import client_keys, help_table
-from poseviewer.app.state.marking import MARKING
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import OF_FRAMES
 from poseviewer.app.workers.tasks import Restore, TaskResult, download
-from poseviewer.files.file_set import MAX_FILES
-from poseviewer.files.formats.bop import likely_numbers
+from poseviewer.errors import PoseViewerError
+from poseviewer.files.formats.bop import likely_numbers, object_numbers
 from poseviewer.files.formats.conversion import ConvertOptions
-from poseviewer.files.state.autosave import AutosavedSession
-from poseviewer.files.state.uploads import MAX_UPLOAD_BYTES
+from poseviewer.files.state.session_file import AutosavedSession
+from poseviewer.opening.sources import MAX_FILES
+from poseviewer.opening.uploads import MAX_UPLOAD_BYTES
 
 PANEL_PX = 300
 """Width of the left panel at the start; its border can be dragged."""
@@ -215,8 +215,14 @@ class Page:
             def send(_: viser.GuiEvent) -> None:
                 said = None if image is None or image.value == named else f"{image.value}"
                 ids = tuple(field.value for field in fields)
+                numbers = ConvertOptions(image=said, object_ids=ids)
+                try:
+                    object_numbers(scene, numbers)
+                except PoseViewerError as error:
+                    self.show_error(str(error), client)
+                    return
                 close_modal(modal)
-                self._post(download(what, client, ConvertOptions(image=said, object_ids=ids)))
+                self._post(download(what, client, numbers))
 
             tab.gui.add_button("Export", color="cyan").on_click(send)
             tab.gui.add_button("Close", color="gray").on_click(lambda _: close_modal(modal))

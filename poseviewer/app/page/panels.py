@@ -26,29 +26,35 @@ from poseviewer.app.page.texts import (
     verdict_text,
 )
 from poseviewer.app.state import hiding as h
-from poseviewer.app.state.camera_edits import (
+from poseviewer.app.state.document import MARKING, is_alone
+from poseviewer.app.state.edits import AskNumbers, show_style
+from poseviewer.app.state.keys_and_buttons import ACTIONS, STYLES
+from poseviewer.app.state.objects import alter_object, set_unit, unit_of_models
+from poseviewer.app.state.pointer_edits import set_tool
+from poseviewer.app.state.pose_edits import (
     MAX_FIELD_DEG,
     MIN_FIELD_DEG,
     intrinsics_of,
+    pose_numbers,
     set_camera,
     set_field_of_view,
+    set_number,
+    set_parameter,
     set_projection,
+    view_from,
 )
-from poseviewer.app.state.display_edits import show_style
-from poseviewer.app.state.document import is_alone
-from poseviewer.app.state.edits import AskNumbers
-from poseviewer.app.state.keys_and_buttons import ACTIONS, STYLES
-from poseviewer.app.state.marking import MARKING
-from poseviewer.app.state.objects import alter_object, set_unit, unit_of_models
-from poseviewer.app.state.pointer_edits import set_tool
-from poseviewer.app.state.pose_edits import pose_numbers, set_number, set_parameter, view_from
-from poseviewer.app.state.proposal_edits import propose_starts
-from poseviewer.app.state.search_edits import alter_settings, find_focal_length, set_loss, take_end
+from poseviewer.app.state.search_edits import (
+    alter_settings,
+    find_focal_length,
+    propose_starts,
+    set_loss,
+    take_end,
+)
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import CONVERTED, OF_FRAMES, WITH_NUMBERS
 from poseviewer.app.workers.tasks import Request, download, find_wheels_in_region
 from poseviewer.files.camera_trees import TREES
-from poseviewer.files.formats.conversion import METRES
+from poseviewer.files.mesh.size import METRES
 from poseviewer.fit.progress import SearchProgress
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel
@@ -56,7 +62,7 @@ from poseviewer.geometry.charts import short_name, tooltip
 from poseviewer.geometry.lens import COEFFICIENTS
 from poseviewer.losses.known_losses import LOSSES
 from poseviewer.scene.settings import SEARCHES
-from poseviewer.starts.placing import SIDES
+from poseviewer.starts.sides import SIDES
 
 UNIT_HINT = "Saved with the pose; formats that have a unit of their own need it"
 MAX_PARAMETERS = 10

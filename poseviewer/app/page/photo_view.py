@@ -214,9 +214,9 @@ def _model(session: Session) -> Iterator[Drawing]:
     overlay = session.results.overlay
     if overlay is None or session.display.style == "none":
         return
-    if not overlay.request.document.object.is_placed:
+    if not overlay.document.object.is_placed:
         return  # it was drawn where the model was put first
-    red, green, blue = colour = object_colour(overlay.request.document.object_id)
+    red, green, blue = colour = object_colour(overlay.document.object_id)
     faint = red * 7 // 12, green * 7 // 12, blue * 7 // 12  # than the outline
     colour = colour if session.document.has_pose else faint
     yield Drawing("/model/halo", HALO, overlay.outline, None, HALO_COLOUR, 4.6)

@@ -5,28 +5,39 @@ from dataclasses import dataclass
 from functools import reduce
 from inspect import signature
 from operator import or_
-from typing import Annotated, Literal, get_type_hints
+from typing import Annotated, Literal, TypeVar, get_type_hints
 
 import msgspec
 import numpy as np
 
 from poseviewer.app.state import objects as o
-from poseviewer.app.state.display_edits import enlarge_map
-from poseviewer.app.state.edits import Edit, Px, ReviewRow, SavePose, ShowHelp
+from poseviewer.app.state.edits import (
+    Edit,
+    Px,
+    ReviewRow,
+    SavePose,
+    ShowHelp,
+    cancel_drag,
+    enlarge_map,
+    release,
+)
 from poseviewer.app.state.frame_edits import edit_frames, go_to_frame, step_frame
 from poseviewer.app.state.hiding import Shape, Stroke, bring_back, paint
 from poseviewer.app.state.keys_and_buttons import KEYS
 from poseviewer.app.state.marking import mark_model, turn_model
-from poseviewer.app.state.pointer_edits import cancel_drag, double_press, drag_to, press, release
+from poseviewer.app.state.pointer_edits import double_press, drag_to, press
 from poseviewer.app.state.pose_edits import nudge, pick_in_landscape
-from poseviewer.app.state.proposal_edits import take_start
+from poseviewer.app.state.search_edits import take_start
 from poseviewer.app.workers.tasks import Request, grow
-from poseviewer.files.state.uploads import why_not_sent, why_unfit
+from poseviewer.errors import printable
+from poseviewer.opening.uploads import why_not_sent, why_unfit
 
 FINE = 0.1
 """Factor of nudges with shift."""
 COARSE = 10.0
 """Factor of nudges with ctrl."""
+MAX_SAID = 40
+"""Letters of a text that a sentence says again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +49,7 @@ class Theme:
     """Size of text, in times of the usual one."""
 
 
+T = TypeVar("T")
 Meaning = Request | Theme | str | None
 """Meaning of a report: a request, or a sentence for the page that it comes from."""
 
@@ -69,6 +81,11 @@ def _stroke(shape: Shape, points: list[Px], radius: Px, erase: bool) -> Request 
     return grow(stroke) if shape == "scribble" else paint(stroke)
 
 
+def _no_number(name: str, text: str) -> str:
+    said, written = printable(name, MAX_SAID), printable(text, MAX_SAID)
+    return f"{said}: {written!r} is no number as it is written; wanted one such as 1390.5."
+
+
 MEANINGS: Mapping[str, Callable[..., Meaning]] = {
     "press": press,
     "drag": drag_to,
@@ -94,6 +111,7 @@ MEANINGS: Mapping[str, Callable[..., Meaning]] = {
     "theme": Theme,
     "unfit": why_unfit,
     "not sent": why_not_sent,
+    "no number": _no_number,
 }
 """Meaning of a report of each kind, made of its other fields by their names."""
 
@@ -123,7 +141,7 @@ def meaning_of(report: object, client: int = 0) -> Meaning:
     return ShowHelp(client) if isinstance(meaning, ShowHelp) else meaning
 
 
-def newest_drags(requests: list[Request]) -> list[Request]:
+def newest_drags(requests: list[T]) -> list[T]:
     """The requests without those drags that another one follows at once."""
     is_drag = [isinstance(request, Edit) and request.calls(drag_to) for request in requests]
     pairs = zip(requests, is_drag, [*is_drag[1:], False], strict=False)

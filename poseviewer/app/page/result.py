@@ -1,12 +1,13 @@
 """The answer: place, angles and focal length, each with its deviation; to be copied."""
 
 import math
-from html import escape
 from itertools import zip_longest
 from pathlib import Path
 
+import htpy as h
 import numpy as np
 
+from poseviewer.app.page.controls import as_html
 from poseviewer.app.state.document import label_of
 from poseviewer.app.state.pose_edits import pose_numbers
 from poseviewer.app.state.session import Session
@@ -27,7 +28,7 @@ ABOUT = (
     "the focal length: as if on 35-mm film."
 )
 FOLLOW_FOCAL = "Z", "distance", "focal"
-EMPTY = "<th></th><td></td>"
+EMPTY = h.th, h.td
 SOURCES = {
     "calibrated": "by a calibration",
     "EXIF": "by the photo's EXIF",
@@ -67,25 +68,25 @@ def result_html(session: Session) -> str:
     source = source_of(document.photo, document.pose.camera)
     left, right = [], []
     for name, value in numbers.items():
-        text = with_deviation(value, deviations.get(name)) + _unit_text(session, name, value)
+        number = with_deviation(value, deviations.get(name)) + _unit_text(session, name, value)
+        text: list[h.Node] = [number]
         if source and name in FOLLOW_FOCAL[-1 if source != "assumed" else 0 :]:
             word = source if name == "focal" else ""
             mark = word + "*" * (source == "assumed")
-            text += f' <i class="pv-{source}" title="{SOURCES[source]}">{mark}</i>'
+            text += [" ", h.i(f".pv-{source}", title=SOURCES[source])[mark]]
         column = left if name in ("X", "Y", "Z", "distance") else right
-        column.append(f"<th>{name}</th><td>{text}</td>")
-    rows = "".join(f"<tr>{a}{b}</tr>" for a, b in zip_longest(left, right, fillvalue=EMPTY))
-    buttons = " ".join(
-        f'<button type="button" data-copy="{escape(text)}">{name}</button>'
+        column.append((h.th[name], h.td[text]))
+    rows = [h.tr[a, b] for a, b in zip_longest(left, right, fillvalue=EMPTY)]
+    buttons = [
+        (" ", h.button(type="button", data_copy=text)[name])
         for name, text in copies_of(session).items()
-    )
-    name, unit = escape(label_of(document.object)), document.model.unit or "the model's unit"
+    ]
+    name, unit = label_of(document.object), document.model.unit or "the model's unit"
     if deviations and source == "assumed":
         unit += f"; all ± hold if {numbers['focal']:,.0f} px is right"
-    return (
-        f'<div class="pv-result" title="{ABOUT}"><b>{name}</b> as the camera sees it, in {unit}'
-        f"<table>{rows}</table><div>Copy as {buttons}</div></div>"
-    )
+    head = h.b[name], f" as the camera sees it, in {unit}"
+    whole = head, h.table[rows], h.div["Copy as", buttons]
+    return as_html(h.div(".pv-result", title=ABOUT)[whole])
 
 
 def source_of(photo: Photo, camera: Camera) -> str:

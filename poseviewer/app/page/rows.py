@@ -3,14 +3,14 @@
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
-from html import escape
 from pathlib import Path
 from typing import Any
 
 import cv2
+import htpy as h
 import numpy as np
 
-from poseviewer.app.page.controls import Controls, jpeg_url, on_press, plain
+from poseviewer.app.page.controls import Controls, as_html, jpeg_url, memoize, on_press, plain
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.keys_and_buttons import ACTIONS
 from poseviewer.app.state.session import Session
@@ -40,6 +40,10 @@ def add_rows(controls: Controls, review: Reviewer) -> None:
         at = review.row_at(session.document)
         return "" if at is None else of(review.queue.rows[at])
 
+    def key(session: Session) -> tuple[object, ...]:
+        at = review.row_at(session.document)
+        return review.queue, None if at is None else review.queue.rows[at]
+
     def undo(session: Session) -> str:
         word = read(session, lambda row: row.result.review)
         return word and f"Undo {UNDONE.get(word, 'acceptance')}"
@@ -56,7 +60,7 @@ def add_rows(controls: Controls, review: Reviewer) -> None:
         return None if noted[0] is None else review.annotate(noted[0], words)
 
     with controls.gui.add_folder("Review"):
-        controls.html(lambda s: rows_list(review.queue, review.row_at(s.document)))
+        controls.html(memoize(key, lambda s: rows_list(review.queue, review.row_at(s.document))))
         controls.actions("Go to", "previous row", "next row")
         accept, reject = ACTIONS["accept"], ACTIONS["reject"]
         if review.queue.batch.is_audit:
@@ -73,29 +77,28 @@ def rows_list(queue: ReviewQueue, at: int | None) -> str:
     """A row for each photo with its object, and what is said of it (HTML)."""
     rows, middle = queue.rows, at or 0
     first, end = max(middle - MAX_BEFORE, 0), min(middle + MAX_AFTER, len(rows))
-    drawn = "".join(_row(queue.batch.folder, rows[i], i, i == at) for i in range(first, end))
+    drawn = [_row(queue.batch.folder, rows[i], i, i == at) for i in range(first, end)]
     rejected = sum(row.result.is_rejected for row in rows)
     no = KEPT if queue.batch.is_audit else REJECTED
     accepted = sum(row.result.is_accepted for row in rows)
     shown = "" if end - first == len(rows) else f", {first + 1} to {end} are listed"
     said = f"{len(rows)} rows, {accepted} accepted, {rejected} {no}{shown}"
-    return f'<div class="pv-counts">{said}</div><div class="pv-rows">{drawn}</div>'
+    return as_html(h.div(".pv-counts")[said], h.div(".pv-rows")[drawn])
 
 
-def _row(folder: Path, row: Row, index: int, is_open: bool) -> str:
-    result, name = row.result, escape(Path(row.job.photo).name)
-    below = escape(result.reason if result.failed else Path(row.job.model).stem)
+def _row(folder: Path, row: Row, index: int, is_open: bool) -> h.Element:
+    result = row.result
+    below = result.reason if result.failed else Path(row.job.model).stem
     word = result.review or ("failed" if result.failed else result.finding or result.verdict)
     word = word or "not searched"
-    press = on_press("row", what=index)
     picture = DOT if result.failed else thumbnail(folder / result.picture)
-    here = f' class="pv-at"><img class="pv-here" alt="" src="{DOT}" onload="{TO_ROW}"'
-    return (
-        f'<div tabindex="0" title="row {row.job.row}: {escape(row.job.photo)}" '
-        f'{press}{here if is_open else ""}><img alt="" src="{picture}">'
-        f"<span>{name}<br><small>{below}</small></span>"
-        f'<b class="pv-{word.split()[0]}">{escape(word)}</b></div>'
-    )
+    at, title = {"pv-at": is_open}, f"row {row.job.row}: {row.job.photo}"
+    return h.div(on_press("row", what=index), class_=at, tabindex="0", title=title)[
+        is_open and h.img(".pv-here", alt="", src=DOT, onload=TO_ROW),
+        h.img(alt="", src=picture),
+        h.span[Path(row.job.photo).name, h.br, h.small[below]],
+        h.b(class_=f"pv-{word.split()[0]}")[word],
+    ]
 
 
 @lru_cache(maxsize=1000)

@@ -2,20 +2,20 @@
 
 from dataclasses import replace
 from functools import lru_cache
-from html import escape
 
+import htpy as h
 import numpy as np
 
 from poseviewer.app.below_viser.client_script import ClientScript
 from poseviewer.app.page.above_steps import ICONS, object_colour
-from poseviewer.app.page.controls import jpeg_url, on_press
+from poseviewer.app.page.controls import as_html, jpeg_url, on_press
 from poseviewer.app.page.handles import path_of
 from poseviewer.app.page.time_line import time_line
 from poseviewer.app.state.session import Session
 from poseviewer.errors import percent
-from poseviewer.files.photo import Photo
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import size_at_scale
+from poseviewer.geometry.image import Photo
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.overlay.styles import LINE_COLOUR
 from poseviewer.scene.types import SceneObject
@@ -37,7 +37,7 @@ def show_strip(script: ClientScript, session: Session) -> None:
     photos = tuple(view.photo for view in session.document.scene.views)
     photos = photos if len(photos) > 1 else ()
     script.show("setPictures", _small_pictures(photos))
-    cells = "".join(_cell(session, index) for index in range(len(photos)))
+    cells = as_html(_cell(session, index) for index in range(len(photos)))
     script.show("setStrip", cells or time_line(session))
 
 
@@ -52,27 +52,25 @@ def _small_picture(photo: Photo) -> str:
     return jpeg_url(photo.as_rgb8(*size)[..., ::-1], QUALITY)
 
 
-def _cell(session: Session, index: int) -> str:
-    """HTML of a photo in the strip; a press makes it the large one."""
+def _cell(session: Session, index: int) -> h.Element:
+    """A photo in the strip; a press makes it the large one."""
     document = session.document
     view, is_compared = document.scene.views[index], document.object.in_views[index].is_compared
-    at = " pv-at" if index == document.view_index else ""
+    is_large = index == document.view_index
     hint = "do not compare it" if is_compared else "compare it again"
     said = " · ".join(
         filter(None, (_loss_text(session, index), _verdict_text(document.object, index)))
     )
-    return (
-        f'<div class="pv-photo{at}{"" if is_compared else " pv-off"}" tabindex="0" '
-        f'title="{"the large photo" if at else "press: make it the large one"}" '
-        f"{on_press('photo', view_index=index)}>"
-        f'<div class="pv-small" style="aspect-ratio:{view.photo.width}/{view.photo.height}">'
-        f'<svg viewBox="0 0 {UNITS} {UNITS}" preserveAspectRatio="none">'
-        f"{_outlines(session, index)}</svg></div>"
-        f'<div class="pv-said"><button type="button" title="{hint}" '
-        f"{on_press('compare photo', view_index=index, on=not is_compared)}>"
-        f'<svg viewBox="0 0 16 16">{ICONS["eye"]}</svg></button>'
-        f"<b>{escape(view.name)}</b><span>{escape(said)}</span></div></div>"
-    )
+    compare = on_press("compare photo", view_index=index, on=not is_compared)
+    names = ["pv-photo", {"pv-at": is_large, "pv-off": not is_compared}]
+    title = "the large photo" if is_large else "press: make it the large one"
+    shape = f"aspect-ratio:{view.photo.width}/{view.photo.height}"
+    box = h.svg(viewBox=f"0 0 {UNITS} {UNITS}", preserveAspectRatio="none")
+    eye = h.button(compare, type="button", title=hint)[ICONS["eye"]]
+    return h.div(on_press("photo", view_index=index), class_=names, tabindex="0", title=title)[
+        h.div(".pv-small", style=shape)[box[_outlines(session, index)]],
+        h.div(".pv-said")[eye, h.b[view.name], h.span[said]],
+    ]
 
 
 def proposals_row(session: Session) -> str:
@@ -80,19 +78,20 @@ def proposals_row(session: Session) -> str:
     proposals = session.proposals
     if proposals is None or not proposals.starts:
         return ""
-    photo, cells = session.document.photo, ""
+    photo, cells = session.document.photo, list[h.Element]()
     for index, (start, lines) in enumerate(zip(proposals.starts, proposals.outlines, strict=True)):
         url, part = _piece(photo, lines)
-        left, top, width, height = part
-        at = ' class="pv-at"' if index == proposals.index else ""
+        left, top, width, height = map(str, part)
+        at, press = {"pv-at": index == proposals.index}, on_press("start", index=index)
+        title = f"proposal {index + 1}: press to start from it"
+        picture = h.svg(viewBox=f"{left} {top} {width} {height}")[
+            h.image(href=url, x=left, y=top, width=width, height=height),
+            _outline(path_of(lines), LINE_COLOUR),
+        ]
         probability = percent(min(start.probability, MAX_PROBABILITY))
-        cells += (
-            f'<button type="button"{at} title="proposal {index + 1}: press to start from it" '
-            f'{on_press("start", index=index)}><svg viewBox="{left} {top} {width} {height}">'
-            f'<image href="{url}" x="{left}" y="{top}" width="{width}" height="{height}"/>'
-            f"{_outline(path_of(lines), LINE_COLOUR)}</svg>{probability}</button>"
-        )
-    return f'<div class="pv-starts">{cells}</div>'
+        button = h.button(press, type="button", class_=at, title=title)
+        cells.append(button[picture, probability])
+    return as_html(h.div(".pv-starts")[cells])
 
 
 def _piece(photo: Photo, outline: FloatArray) -> tuple[str, Rectangle]:
@@ -108,19 +107,18 @@ def _piece(photo: Photo, outline: FloatArray) -> tuple[str, Rectangle]:
     return url, Rectangle(left, top, pixels.shape[1], pixels.shape[0])
 
 
-def _outline(path: str, colour: tuple[int, int, int]) -> str:
-    return f'<path class="pv-halo" d="{path}"/><path stroke="rgb{colour}" d="{path}"/>'
+def _outline(path: str, colour: tuple[int, int, int]) -> h.Node:
+    return h.path(".pv-halo", d=path), h.path(stroke=f"rgb{colour}", d=path)
 
 
-def _outlines(session: Session, index: int) -> str:
-    """SVG of the objects' outlines over a small picture."""
-    outlines, drawn = session.results.outlines, ""
+def _outlines(session: Session, index: int) -> h.Node:
+    """The objects' outlines over a small picture."""
+    outlines = session.results.outlines
     is_hidden = session.display.photo_alone or session.display.style == "none"
     if is_hidden or outlines is None or index >= len(outlines.small):
-        return ""
-    for number, lines in outlines.small[index].items():
-        drawn += _outline(path_of(UNITS * lines), object_colour(number))
-    return drawn
+        return None
+    drawn = outlines.small[index].items()
+    return [_outline(path_of(UNITS * lines), object_colour(number)) for number, lines in drawn]
 
 
 def _loss_text(session: Session, index: int) -> str:

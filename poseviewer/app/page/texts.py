@@ -7,11 +7,11 @@ import numpy as np
 from poseviewer.app.page.controls import plain
 from poseviewer.app.page.result import deviations_of
 from poseviewer.app.state import hiding as h
-from poseviewer.app.state.document import WHEELS, label_of, verdict_of
+from poseviewer.app.state.document import MARKING, WHEELS, label_of, verdict_of
 from poseviewer.app.state.dragging import radius_in_photo
-from poseviewer.app.state.marking import MARKING, pair_errors, pose_beside_wheels
+from poseviewer.app.state.marking import pair_errors, pose_beside_wheels
 from poseviewer.app.state.objects import symmetry_text
-from poseviewer.app.state.searches import LossComparison
+from poseviewer.app.state.results import LossComparison
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.opening import has_demo_model
 from poseviewer.confidence.pose_covariance import short
@@ -292,7 +292,7 @@ def search_text(session: Session) -> str:
         which += f"  \nOf all objects: **{plain(label)}**"
     loss = f"**{_as_coarse(fit.loss_text)}** (start {fit.scale.as_shown(fit.start_loss):.3f})"
     is_active = progress.object_index == session.document.active
-    if progress.is_over and is_active and losses and losses.request.at_pose == session.at_pose:
+    if progress.is_over and is_active and losses and losses.at_pose == session.at_pose:
         loss = _loss_text(session) or loss
     text = (
         f"Loss: {settings.loss_name}{which}  \n{loss}  \n"
@@ -311,7 +311,7 @@ def _loss_text(session: Session) -> str:
     if losses is None or losses.mean is None:
         return ""
     count, text = len(losses.by_view), losses.mean.scale.text(losses.mean.loss)
-    if session.is_moving or losses.request.at_pose != session.at_pose:
+    if session.is_moving or losses.at_pose != session.at_pose:
         text = _as_coarse(text)
     of_set = f", mean of {count} photos" if count > 1 else ""
     text = f"**{text}** at this pose{of_set}"

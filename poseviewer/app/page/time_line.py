@@ -2,12 +2,12 @@
 
 import math
 from functools import lru_cache
-from html import escape
 
+import htpy as h
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.app.page.controls import memoize, on_press
+from poseviewer.app.page.controls import as_html, memoize, on_press
 from poseviewer.app.state.frame_edits import FrameCommand
 from poseviewer.app.state.session import Session
 from poseviewer.confidence.pose_covariance import PoseCovariance
@@ -22,7 +22,7 @@ MAX_CURVE_POINTS = 300
 """Frames of the motion graph; of more, some are left out."""
 AXIS_COLOURS = "#ff6b6b", "#7ad151", "#5aa9ff"
 """Colours of x, y and z, by which most tools show axes."""
-AXES = " ".join(f'<b style="color:{c}">{n}</b>' for n, c in zip("xyz", AXIS_COLOURS, strict=True))
+AXES = [(" ", h.b(style=f"color:{c}")[n]) for n, c in zip("xyz", AXIS_COLOURS, strict=True)]
 BUTTONS: dict[FrameCommand, tuple[str, str]] = {
     "to start": ("⇤ to start", "Propagate the pose of this frame back to the first one"),
     "to next key": ("to next key", "Propagate the pose of this frame up to the next key"),
@@ -42,43 +42,42 @@ def time_line(session: Session) -> str:
         return ""
     count, object_id = len(scene.frames), document.object.id
     shown = scene.frame_index if session.wanted_frame is None else session.wanted_frame
-    box = f'viewBox="0 0 {count} 1" preserveAspectRatio="none" data-slides {on_press("frame")}'
-    graph = _motion_graph(session, box) if session.display.motion_graph else ""
-    at = f'<path class="pv-here" d="M{shown} 0h1v1h-1Z"/>'
-    line = f'<svg class="pv-frames" {box}>{_segments(scene.frames, object_id)}{at}</svg>'
-    buttons = "".join(_button(what, *own) for what, own in BUTTONS.items())
+    box = {"viewBox": f"0 0 {count} 1", "preserveAspectRatio": "none", "data-slides": True}
+    box |= on_press("frame")
+    graph = _motion_graph(session, box) if session.display.motion_graph else None
+    at = h.path(".pv-here", d=f"M{shown} 0h1v1h-1Z")
+    line = h.svg(".pv-frames", box)[_segments(scene.frames, object_id), at]
+    buttons = [_button(what, *own) for what, own in BUTTONS.items()]
     if session.is_propagating:
-        buttons = _button("stop", "Stop (Esc)", "Keep what is propagated, and stop")
-    said = f"<b>frame {shown + 1}</b> of {count}{_frame_text(session, shown)}"
-    progress = f'<span class="pv-end">{escape(_progress_text(session))}</span>'
+        buttons = [_button("stop", "Stop (Esc)", "Keep what is propagated, and stop")]
+    said = h.span[h.b[f"frame {shown + 1}"], f" of {count}{_frame_text(session, shown)}"]
+    progress = h.span(".pv-end")[_progress_text(session)]
     shows_graph = _button("graph", "graph", "Show rotation and translation over the frames")
-    return (
-        f'<div class="pv-time">{graph}{line}<div><span>{said}</span>{progress}{shows_graph}</div>'
-        f"<div>{buttons}</div></div>"
-    )
+    below = h.div[said, progress, shows_graph]
+    return as_html(h.div(".pv-time")[graph, line, below, h.div[buttons]])
 
 
-def _button(what: FrameCommand, text: str, tooltip: str) -> str:
-    report = on_press("frames", what=what)
-    return f'<button type="button" title="{tooltip}" {report}>{text}</button>'
+def _button(what: FrameCommand, text: str, tooltip: str) -> h.Element:
+    return h.button(on_press("frames", what=what), type="button", title=tooltip)[text]
 
 
 @lru_cache(maxsize=1)
-def _segments(frames: tuple[Frame, ...], object_id: str) -> str:
-    """SVG of the states of all frames, each a unit wide, and of the keys."""
+def _segments(frames: tuple[Frame, ...], object_id: str) -> h.Node:
+    """The states of all frames, each a unit wide, and the keys, drawn once."""
     count, poses = len(frames), [frame.poses.get(object_id) for frame in frames]
     codes = np.array([2 * STATES.index(_state(p)) + bool(p and p.is_stale) for p in poses])
     parts = np.linspace(0, count, min(count, MAX_SEGMENTS), endpoint=False).astype(int)
     codes = np.maximum.reduceat(codes, parts)
     begins = np.flatnonzero(np.diff(codes, prepend=-1))
     ends = [*parts[begins[1:]].tolist(), count]
-    drawn = ""
+    drawn = list[h.Element]()
     for begin, end in zip(begins.tolist(), ends, strict=True):
         left, (state, is_stale) = parts[begin], divmod(int(codes[begin]), 2)
         name = f"pv-{STATES[state]}{' pv-stale' * is_stale}"
-        drawn += f'<path class="{name}" d="M{left} 0H{end}V1H{left}Z"/>'
+        drawn.append(h.path(class_=name, d=f"M{left} 0H{end}V1H{left}Z"))
     keys = "".join(f"M{i + 0.5} .5h0" for i, p in enumerate(poses) if p and p.source == "key")
-    return f'{drawn}<path class="pv-halo" d="{keys}"/><path class="pv-key-at" d="{keys}"/>'
+    whole = h.fragment[drawn, h.path(".pv-halo", d=keys), h.path(".pv-key-at", d=keys)]
+    return str(whole)  # markup, which is not escaped again
 
 
 def _state(pose: FramePose | None) -> str:
@@ -87,7 +86,7 @@ def _state(pose: FramePose | None) -> str:
 
 
 def _frame_text(session: Session, index: int) -> str:
-    """Time stamp, photo and state of a frame (HTML)."""
+    """Time stamp, photo and state of a frame."""
     document, frame = session.document, session.document.scene.frames[index]
     pose = frame.poses.get(document.object.id)
     time = "" if frame.time_s is None else f"{frame.time_s:.2f} s"
@@ -95,7 +94,7 @@ def _frame_text(session: Session, index: int) -> str:
     if pose is not None:
         verdict = _state(pose)
         state = pose.source + f", {verdict}" * (verdict != "placed") + ", stale" * pose.is_stale
-    return "".join(f" · {escape(text)}" for text in (time, frame.file.name, state) if text)
+    return "".join(f" · {text}" for text in (time, frame.file.name, state) if text)
 
 
 def _progress_text(session: Session) -> str:
@@ -110,18 +109,15 @@ def _progress_text(session: Session) -> str:
     return "; ".join((f"{progress.steps} frames propagated", *progress.notes[-2:]))
 
 
-def _motion_graph(session: Session, box: str) -> str:
-    """HTML of rotation and translation over the frames, with their standard deviations."""
-    at = f'<path class="pv-here" d="M{session.document.scene.frame_index + 0.5} 0v1"/>'
-    drawn = (
-        f'<div class="pv-motion">{head}<svg {box}>{curves}{at}</svg></div>'
-        for head, curves in _curves(session)
-    )
-    return "".join(drawn) or "<div>the graph comes with the first pose</div>"
+def _motion_graph(session: Session, box: dict[str, str | bool]) -> h.Node:
+    """Rotation and translation over the frames, with their standard deviations."""
+    at = h.path(".pv-here", d=f"M{session.document.scene.frame_index + 0.5} 0v1")
+    drawn = [h.div(".pv-motion")[head, h.svg(box)[curves, at]] for head, curves in _curves(session)]
+    return drawn or h.div["the graph comes with the first pose"]
 
 
-def _draw_curves(session: Session) -> list[tuple[str, str]]:
-    """Heading (HTML) and SVG of the curves of rotation, and of translation."""
+def _draw_curves(session: Session) -> list[tuple[h.Node, h.Node]]:
+    """Heading and curves of rotation, and of translation."""
     unit = session.document.model.unit or "units"
     frames, values, deviations = _measure_motion(session)
     drawn = []
@@ -131,8 +127,8 @@ def _draw_curves(session: Session) -> list[tuple[str, str]]:
             low, high = float((own - spread).min()), float((own + spread).max())
             scale = 0.9 / max(high - low, 1e-9)
             middle, half = 0.95 - scale * (own - low), scale * spread
-            curves = "".join(map(_curve, [frames] * 3, middle.T, half.T, AXIS_COLOURS))
-            head = f"<span>{name}: {AXES}</span><span>{low:.3g} to {high:.3g}</span>"
+            curves = [*map(_curve, [frames] * 3, middle.T, half.T, AXIS_COLOURS)]
+            head = h.span[f"{name}:", AXES], h.span[f"{low:.3g} to {high:.3g}"]
             drawn.append((head, curves))
     return drawn
 
@@ -168,15 +164,15 @@ def _measure_motion(session: Session) -> tuple[NDArray[np.intp], FloatArray, Flo
     return np.array([i for i, _ in poses], np.intp), units * values, units * deviations
 
 
-def _curve(frames: NDArray[np.intp], middle: FloatArray, half: FloatArray, colour: str) -> str:
-    """SVG of a curve (n,) with its band of +-``half``, broken where frames have no pose."""
-    drawn, gap = "", 1.5 * float(np.median(np.diff(frames))) if len(frames) > 1 else 1.0
+def _curve(frames: NDArray[np.intp], middle: FloatArray, half: FloatArray, colour: str) -> h.Node:
+    """A curve (n,) with its band of +-``half``, broken where frames have no pose."""
+    drawn, gap = list[h.Node](), 1.5 * float(np.median(np.diff(frames))) if len(frames) > 1 else 1.0
     for part in np.split(np.arange(len(frames)), 1 + np.flatnonzero(np.diff(frames) > gap)):
         x, y = frames[part].astype(float) + 0.5, middle[part]
         off = half[part]
         line = _points(x, y)
         band = f"{_points(x, y - off)}L{_points(x[::-1], (y + off)[::-1])[1:]}Z"
-        drawn += f'<path fill="{colour}" d="{band}"/><path stroke="{colour}" d="{line}h0"/>'
+        drawn += h.path(fill=colour, d=band), h.path(stroke=colour, d=f"{line}h0")
     return drawn
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
@@ -20,6 +20,7 @@ from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.placing import with_point_at
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.view_chart import ViewChart
@@ -28,7 +29,6 @@ from poseviewer.scene.assets import ModelFile, PhotoFile
 from poseviewer.scene.sequence import show_frame
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import Frame, InView, Scene, SceneObject, SearchResult, View
-from poseviewer.starts.placing import with_point_at
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.wheel_pose import MIN_RIM_POINTS, Ellipse, ellipse_through
 
@@ -77,6 +77,10 @@ class Marks:
         count = len(self.rims) // MIN_RIM_POINTS
         pieces = [self.rims[i * MIN_RIM_POINTS :][:MIN_RIM_POINTS] for i in range(count)]
         return tuple(ellipse_through(piece) for piece in pieces)
+
+
+MARKING = {"pairs": ("pixels", "points"), "wheels": ("rims",)}
+"""Fields of ``Marks`` that each tool sets; the first holds pixels."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -353,30 +357,38 @@ class Document:
         objects stay where the photo shows them.
         """
         scene = self.scene.with_pose(self.active, pose, self.view_index, scale)
-        return self._with_placement(scene, self.active, self.view_index)
+        return self.placed_as_in(scene, (self.active,), self.view_index)
 
-    def at_params(
-        self, problem: FitProblem, params: FloatArray, object_index: int | None = None
-    ) -> Document:
-        """The document with an object, by default the active one, at parameters (d,) of a problem.
+    def at_params(self, problem: FitProblem, params: FloatArray) -> Document:
+        """The document with the active object at parameters (d,) of a problem.
 
         Raises:
             OutsideChartError: no pose has these parameters.
         """
-        object_index = self.active if object_index is None else object_index
-        scene = with_params(self.scene, object_index, problem, params)
-        return self._with_placement(scene, object_index, problem.views[0].view_index)
+        scene = with_params(self.scene, self.active, problem, params)
+        return self.placed_as_in(scene, (self.active,), problem.views[0].view_index)
 
-    def _with_placement(self, scene: Scene, object_index: int, view_index: int) -> Document:
-        """Document with an object where ``scene`` has it; others stay as a view shows them."""
-        scene = scene.with_object(object_index, is_placed=True)
-        if scene.views != self.scene.views:
-            for index, item in enumerate(self.scene.objects):
-                if index != object_index:
-                    camera, centre = scene.views[view_index].camera, item.mesh.centre
-                    pose = with_camera(self.scene.pose(index, view_index), camera, centre)
-                    scene = scene.with_pose(index, pose, view_index)
-        return replace(self, scene=scene)
+    def placed_as_in(
+        self, scene: Scene, object_indices: Collection[int], view_index: int
+    ) -> Document:
+        """The document with cameras, and poses and results of some objects, as in ``scene``; others
+        stay as a view shows them.
+        """
+        cameras = [view.camera for view in scene.views]
+        is_same = cameras == [view.camera for view in self.scene.views]
+        pairs = zip(self.scene.views, cameras, strict=True)
+        views = tuple(view if is_same else replace(view, camera=camera) for view, camera in pairs)
+        placed = replace(self.scene, views=views)
+        for index, item in enumerate(self.scene.objects):
+            if index in object_indices:
+                own = scene.objects[index]
+                place = {"world_from_model": own.world_from_model, "result": own.result}
+                placed = placed.with_object(index, is_placed=True, **place)
+            elif not is_same:
+                pose = self.scene.pose(index, view_index)
+                moved = with_camera(pose, cameras[view_index], item.mesh.centre)
+                placed = placed.with_pose(index, moved, view_index)
+        return replace(self, scene=placed)
 
     def params_in(self, problem: FitProblem) -> FloatArray:
         """(d,): parameters of the active object's pose in the chart of a problem.
@@ -401,7 +413,7 @@ class Document:
         views = tuple(replace(view, camera=camera) for view, camera in pairs)
         changes = {"world_from_model": self.object.start, "result": None}
         scene = replace(self.scene, views=views).with_object(self.active, **changes)
-        return self._with_placement(scene, self.active, self.view_index)
+        return self.placed_as_in(scene, (self.active,), self.view_index)
 
     @property
     def chart(self) -> Chart:

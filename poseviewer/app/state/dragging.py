@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,15 +11,17 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from poseviewer.app.state.document import Document
+from poseviewer.errors import SettingsError
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.placing import fit_into_rectangle, surface_point, with_point_at
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.opening.scenes import scale_by_rays
 from poseviewer.render.overlay.contour import is_within_outline
-from poseviewer.starts.placing import surface_point, with_point_at
 from poseviewer.vehicle.chart import MIN_AXLE_COMPONENT, VehicleChart
 
 POINT_REACH_PX = 14.0
@@ -43,6 +46,8 @@ class Drag:
     """Gives the document with the pointer at a point (2,)."""
     holds_model: bool = False
     """Whether the model itself is held, instead of a pin, mark or rectangle."""
+    end: Callable[[Document], Document] = lambda document: document
+    """Gives the document after the drag, of the last one during it."""
     before: Document | None = None
     """Document before the drag; None until the pointer moves."""
 
@@ -89,7 +94,15 @@ def draw_rectangle(tool: str, start: FloatArray) -> Drag:
             return document.with_in_view(region=drawn)
         return document.with_marks(box=drawn)
 
-    return Drag(follow)
+    return Drag(follow, end=_fit_into_box if tool == "box" else lambda document: document)
+
+
+def _fit_into_box(document: Document) -> Document:
+    """Document whose model fits into the box about the object, if there is one."""
+    box = document.marks.box
+    if box is None:
+        return document
+    return move_to(document, fit_into_rectangle(document.pose, document.mesh, box))
 
 
 def nearest_point(points: FloatArray, pointer: FloatArray, zoom: float) -> int | None:
@@ -141,6 +154,16 @@ def pins_in_photo(document: Document) -> FloatArray:
     if isinstance(chart, VehicleChart):
         return vehicle_pins(chart, chart.from_pose(document.pose))
     return np.zeros((0, 2))
+
+
+def move_to(document: Document, pose: Pose) -> Document:
+    """The document at a pose; if the scale of its views is free, at the triangulated scale."""
+    scale = None
+    if document.scene.free_scale:
+        with suppress(SettingsError):
+            views, name = document.scene.views, document.scene.name
+            scale = 1.0 / scale_by_rays(views, document.view_index, document.mesh, pose, name)
+    return document.at_pose(pose, scale=scale)
 
 
 def translate(pose: Pose, centre: ArrayLike, delta: ArrayLike) -> Pose:

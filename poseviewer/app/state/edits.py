@@ -1,19 +1,28 @@
-"""Edits: functions from a session to the next one, which pages and workers request."""
+"""Edits: functions from a session to the next one, which pages and workers request. Those of the
+whole document, of a drag's end and of what is shown; ``update`` makes any edit.
+"""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import wraps
 from typing import Annotated, Any, Concatenate, Literal, ParamSpec
 
 from msgspec import Meta
 
-from poseviewer.app.state.session import Session
+from poseviewer.app.state.document import MARKING, Document
+from poseviewer.app.state.history import History
+from poseviewer.app.state.results import ProposedStarts
+from poseviewer.app.state.session import Session, is_in_sight
+from poseviewer.errors import PoseViewerError, SettingsError
+from poseviewer.geometry.charts import OutsideChartError
 
 P = ParamSpec("P")
 Px = Annotated[float, Meta(ge=-1e6, le=1e6)]
 """Coordinate in the photo, in the range that a page may send."""
 Zoom = Annotated[float, Meta(ge=1e-3, le=1e3)]
 """Screen px per photo px, in the range that a page may send."""
+MAX_INPUT = 1e9
+"""Largest number (px, steps, parameters) that is taken; larger ones would overflow."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,3 +90,126 @@ def edit(
 def drag_edit(change: Callable[Concatenate[Session, P], Session]) -> Callable[P, Edit]:
     """Decorate like ``edit``, for edits that do not end a drag."""
     return edit(change, keeps_drag=True)
+
+
+@edit
+def undo(session: Session) -> Session:
+    """Undo one step; a search is one."""
+    return session.with_history(*session.history.undo(session.document))
+
+
+@edit
+def redo(session: Session) -> Session:
+    """Redo one step."""
+    return session.with_history(*session.history.redo(session.document))
+
+
+@edit
+def open_document(
+    session: Session,
+    document: Document,
+    unsaved: bool = False,
+    is_first: bool = False,
+    looks: bool = True,
+) -> Session:
+    """Open another photo, model or both.
+
+    Args:
+        session: before the edit.
+        document: the opened one.
+        unsaved: its pose is in no file; starts are not proposed.
+        is_first: undo does not lead back before it.
+        looks: starts are proposed for a model without a pose.
+    """
+    document = document.with_renderer(session.document.settings.renderer)
+    session = session.with_document(document)
+    session = session.with_first_proposals if looks and not unsaved else session
+    history = History() if is_first else session.history
+    saved = None if unsaved else document
+    return replace(session, history=history, drag=None, tool="pose", saved=saved)
+
+
+@drag_edit
+def set_fields(session: Session, part: str = "", **values: Any) -> Session:
+    """Set fields of the session, or of a ``part`` of it such as ``display``."""
+    if part:
+        values = {part: replace(getattr(session, part), **values)}
+    return replace(session, **values)
+
+
+@drag_edit
+def show_results(session: Session, document: Document, **values: Any) -> Session:
+    """Show a worker's results, unless another photo or model has been opened since."""
+    is_stale = document.shown != session.document.shown
+    return session if is_stale else set_fields("results", **values)(session)
+
+
+@drag_edit
+def show_style(session: Session, style: str) -> Session:
+    """Show the model in a look."""
+    return set_fields("display", style=style, photo_alone=False)(session)
+
+
+@drag_edit
+def toggle_model(session: Session) -> Session:
+    """Show the photo alone, or the model again."""
+    return set_fields("display", photo_alone=not session.display.photo_alone)(session)
+
+
+@drag_edit
+def enlarge_map(session: Session, first: int, second: int) -> Session:
+    """Toggle the large map of a pair of parameters."""
+    pair = None if session.display.large_map == (first, second) else (first, second)
+    return set_fields("display", large_map=pair)(session)
+
+
+@drag_edit
+def report_error(_: Session, sentence: str) -> Session:
+    """Show an error's sentence; nothing changes."""
+    raise SettingsError(sentence)
+
+
+@drag_edit
+def release(session: Session) -> Session:
+    """End the drag, as one undo step. A box that was drawn takes the model, and starts are proposed
+    in it.
+    """
+    drag, document, tool = session.drag, session.document, session.tool
+    if drag is None:
+        return session
+    session = replace(session, drag=None, tool=tool if tool in MARKING else "pose")
+    if drag.before is None:
+        return session
+    session, document = replace(session, document=drag.before), drag.end(document)
+    if not is_in_sight(document):
+        return session
+    session = session.with_document(document)
+    is_boxed = tool == "box" and document.marks.box is not None
+    return session.with_proposals(ProposedStarts(session.document)) if is_boxed else session
+
+
+@drag_edit
+def cancel_drag(session: Session) -> Session:
+    """Take the drag back, leave the tool, and stop proposing starts and propagating poses."""
+    session, drag = session.stop_proposing().stop_propagating(), session.drag
+    document = session.document if drag is None or drag.before is None else drag.before
+    return replace(session, drag=None, tool="pose", document=document)
+
+
+def update(session: Session, request: Edit) -> Session:
+    """The session after an edit; the same object if nothing changes.
+
+    Raises:
+        SettingsError: the edit cannot be made; a sentence for the user.
+    """
+    for value in (*request.arguments, *request.named.values()):
+        if isinstance(value, int | float) and not abs(value) <= MAX_INPUT:
+            wanted = f"wanted one within {MAX_INPUT:g} of zero; nothing was changed."
+            raise SettingsError(f"A number is {value}: {wanted}")
+    try:
+        keeps_drag = request.keeps_drag or session.drag is None
+        return request(session if keeps_drag else release()(session))
+    except (PoseViewerError, OutsideChartError, ArithmeticError) as error:
+        text = str(error)
+        end = "" if text.endswith((".", "!", "?")) else "."
+        raise SettingsError(f"{text[:1].upper()}{text[1:]}{end}") from error

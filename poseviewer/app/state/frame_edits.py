@@ -8,8 +8,8 @@ from msgspec import Meta
 
 from poseviewer.app.state.document import UNLOCK, label_of
 from poseviewer.app.state.edits import drag_edit, edit
+from poseviewer.app.state.results import PropagationProgress, PropagationRequest
 from poseviewer.app.state.search_edits import stop_search
-from poseviewer.app.state.searches import PropagationProgress, PropagationRequest
 from poseviewer.app.state.session import Session
 from poseviewer.errors import SettingsError
 from poseviewer.fit.propagation import FrameStep

@@ -15,7 +15,7 @@ from poseviewer.fit.compared_pixels import enlarge_mask
 from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mask import Mask
-from poseviewer.starts.placing import surface_hit
+from poseviewer.geometry.placing import surface_hit
 
 Shape = Literal["brush", "polygon", "scribble"]
 SHAPES: tuple[Shape, ...] = ("brush", "polygon", "scribble")

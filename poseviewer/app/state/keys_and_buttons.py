@@ -4,22 +4,32 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from poseviewer.app.state.display_edits import show_style, toggle_model
-from poseviewer.app.state.document_edits import redo, undo
-from poseviewer.app.state.edits import Edit, ReviewRow, SavePose, ShowHelp
+from poseviewer.app.state.edits import (
+    Edit,
+    ReviewRow,
+    SavePose,
+    ShowHelp,
+    cancel_drag,
+    redo,
+    show_style,
+    toggle_model,
+    undo,
+)
 from poseviewer.app.state.frame_edits import step_frame
 from poseviewer.app.state.hiding import hide_found, hide_in_all_frames, toggle_hiding, unhide
 from poseviewer.app.state.marking import clear_marks, remark_wheels, remove_mark
 from poseviewer.app.state.objects import add_object
-from poseviewer.app.state.pointer_edits import cancel_drag, set_tool, toggle_measuring
+from poseviewer.app.state.pointer_edits import set_tool, toggle_measuring
 from poseviewer.app.state.pose_edits import NudgeKind, make_start, nudge, reset_to_start
-from poseviewer.app.state.proposal_edits import propose_starts, step_proposals, toggle_box
 from poseviewer.app.state.search_edits import (
     accept_search,
     clear_region,
     compare_losses,
+    propose_starts,
     revert_search,
     search_all,
+    step_proposals,
+    toggle_box,
     toggle_search,
 )
 from poseviewer.render.overlay import LOOKS

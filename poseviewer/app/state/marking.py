@@ -7,7 +7,14 @@ from itertools import chain
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from poseviewer.app.state.document import UNLOCK, WHEELS, Document, Marks, label_of
+from poseviewer.app.state.document import (
+    MARKING,
+    UNLOCK,
+    WHEELS,
+    Document,
+    Marks,
+    label_of,
+)
 from poseviewer.app.state.dragging import Drag, nearest_point
 from poseviewer.app.state.edits import drag_edit, edit
 from poseviewer.app.state.session import Session
@@ -15,8 +22,8 @@ from poseviewer.errors import QuickStartError
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Perspective, Pose
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.placing import surface_point
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.starts.placing import surface_point
 from poseviewer.starts.point_pairs import (
     MIN_PAIRS_FOR_FOCAL,
     fewest_pairs,
@@ -30,8 +37,6 @@ from poseviewer.starts.wheels import FoundWheels
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints, keypoints_from_side
 from poseviewer.vehicle.wheel_pose import MIN_RIM_POINTS, Wheels, poses_from_wheels
 
-MARKING = {"pairs": ("pixels", "points"), "wheels": ("rims",)}
-"""Fields of ``Marks`` that each tool sets; the first holds pixels."""
 MAX_PAIRS = 24
 SAME_WHEEL = 0.2
 """Distance, in model diameters, below which a press marks the rear wheel anew: no wheelbase."""
@@ -65,7 +70,7 @@ def hold_mark(session: Session, mark: int, start: FloatArray) -> Drag:
         document = document.with_marks(**{name: tuple(dragged)})
         return document if tool == "wheels" else solve_pose(document, tool)
 
-    return Drag(follow)
+    return Drag(follow, end=lambda document: solve_pose(document, tool))
 
 
 @lru_cache(maxsize=4)

@@ -7,10 +7,11 @@ from poseviewer.app.state.document import Document, ObjectState
 from poseviewer.app.state.edits import edit
 from poseviewer.app.state.session import Session, is_in_sight
 from poseviewer.errors import SettingsError
-from poseviewer.files.formats.conversion import METRES, ConvertOptions
+from poseviewer.files.formats.conversion import ConvertOptions
+from poseviewer.files.mesh.size import METRES
 from poseviewer.scene.assets import ModelFile
 from poseviewer.scene.types import InView, SceneObject
-from poseviewer.starts.placing import look_from
+from poseviewer.starts.sides import look_from
 
 MAX_OBJECTS = 30
 """Number of objects; each is kept in memory and drawn."""

@@ -1,39 +1,39 @@
-"""Edits of the active object's pose by fields, buttons and maps."""
+"""Edits of the active object's pose by fields, buttons and maps, and of the camera, about which the
+model keeps its place and its size in the photo.
+"""
 
 import math
-from contextlib import suppress
 from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from poseviewer.app.state.document import Document, scale_at
+from poseviewer.app.state.document import scale_at, with_camera
 from poseviewer.app.state.dragging import roll, rotate, scale_about, translate
 from poseviewer.app.state.edits import edit
 from poseviewer.app.state.session import Session
 from poseviewer.errors import SettingsError
 from poseviewer.fit.slices import Slice
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Parallel, Pose
+from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
+from poseviewer.geometry.frames import camera_as_integer_centres, camera_from_integer_centres
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.starts.loading import scale_by_rays
-from poseviewer.starts.placing import look_from
+from poseviewer.starts.sides import look_from
 
 NudgeKind = Literal["move", "turn", "roll", "scale"]
 NUDGE_MOVE_PX = 1.0
 NUDGE_TURN = math.radians(1.0)
 NUDGE_SCALE = 1.01
-
-
-def move_to(document: Document, pose: Pose) -> Document:
-    """The document at a pose; if the scale of its views is free, at the triangulated scale."""
-    scale = None
-    if document.scene.free_scale:
-        with suppress(SettingsError):
-            views, name = document.scene.views, document.scene.name
-            scale = 1.0 / scale_by_rays(views, document.view_index, document.mesh, pose, name)
-    return document.at_pose(pose, scale=scale)
+MIN_FOCAL_PX = 1.0
+MAX_FOCAL = 1000.0
+"""Largest focal length, in the photo's longer side: a telescope's."""
+MAX_CENTRE_OFFSET = 10.0
+"""Largest distance of the principal point from the photo's middle, in its longer side: more than
+any crop of a photo leaves."""
+MIN_FIELD_DEG = 0.5
+MAX_FIELD_DEG = 170.0
+"""Largest field of view."""
 
 
 @edit
@@ -166,3 +166,85 @@ def reset_to_start(session: Session) -> Session:
 def make_start(session: Session) -> Session:
     """Make the current pose the start pose."""
     return session.with_document(session.document.with_start_here)
+
+
+@edit
+def set_projection(session: Session, projection: Literal["perspective", "parallel"]) -> Session:
+    """Set perspective or parallel projection."""
+    document, camera = session.document, session.document.pose.camera
+    if isinstance(camera, Parallel) is (projection == "parallel"):
+        return session
+    if projection == "parallel":
+        other = Parallel(1.0, camera.cx, camera.cy, camera.width, camera.height)
+    else:
+        start = document.start.camera
+        start = start if isinstance(start, Perspective) else document.photo.default_camera()
+        other = replace(start, cx=camera.cx, cy=camera.cy)
+    return _change_camera(session, other)
+
+
+@edit
+def set_camera(
+    session: Session,
+    fx: float | None = None,
+    fy: float | None = None,
+    cx: float | None = None,
+    cy: float | None = None,
+) -> Session:
+    """Set intrinsics, px, by OpenCV's convention (pixel centres at integers); None: as it is.
+
+    Args:
+        session: before the edit.
+        fx: focal length; ignored under parallel projection.
+        fy: likewise.
+        cx: principal point.
+        cy: likewise.
+    """
+    now = session.document.pose.camera
+    given = (fx, fy, cx, cy)
+    pairs = zip(given, intrinsics_of(now), strict=True)
+    fx, fy, cx, cy = (old if value is None else value for value, old in pairs)
+    longer = max(now.width, now.height)
+    max_offset, max_focal = MAX_CENTRE_OFFSET * longer, MAX_FOCAL * longer
+    if not math.hypot(cx - now.width / 2.0, cy - now.height / 2.0) <= max_offset:
+        raise SettingsError(
+            f"cx, cy = {cx:g}, {cy:g}: wanted a centre within {max_offset:g} px of the photo's "
+            "middle; nothing was changed"
+        )
+    is_parallel = isinstance(now, Parallel)
+    if not is_parallel and not all(MIN_FOCAL_PX <= value <= max_focal for value in (fx, fy)):
+        raise SettingsError(
+            f"fx, fy = {fx:g}, {fy:g}: wanted focal lengths of {MIN_FOCAL_PX:g} to "
+            f"{max_focal:g} px; nothing was changed"
+        )
+    camera = camera_from_integer_centres(Perspective(fx, fy, cx, cy, now.width, now.height))
+    camera = replace(now, cx=camera.cx, cy=camera.cy) if is_parallel else camera
+    return _change_camera(session, camera)
+
+
+@edit
+def set_field_of_view(session: Session, degrees: float) -> Session:
+    """Set equal focal lengths by the field of view of the photo's longer side, in degrees."""
+    now = session.document.pose.camera
+    camera = Perspective.from_field_of_view(degrees, now.width, now.height)
+    return set_camera(camera.fx, camera.fy)(session)
+
+
+def intrinsics_of(camera: Camera) -> tuple[float, ...]:
+    """fx, fy, cx and cy in px, as OpenCV has them; the scale in place of focal lengths."""
+    camera = camera_as_integer_centres(camera)
+    focal = (camera.scale,) * 2 if isinstance(camera, Parallel) else (camera.fx, camera.fy)
+    return (*focal, camera.cx, camera.cy)
+
+
+def _change_camera(session: Session, camera: Camera) -> Session:
+    document = session.document
+    if len(document.scene.views) > 1:
+        raise SettingsError(
+            "the cameras of several photos are known: open this photo alone to change its camera"
+        )
+    changed = document.at_pose(with_camera(document.pose, camera, document.mesh.centre))
+    if document.object.is_placed:
+        return session.with_document(changed)
+    session = session.with_document(changed.with_object(is_placed=False))
+    return session.with_first_proposals if session.is_looking else session

@@ -1,36 +1,98 @@
-"""Results of workers: what they have drawn and computed for a session."""
+"""Requests to workers, and results: what they have found, drawn and computed for a session."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.app.state.document import Document
-from poseviewer.errors import PoseViewerError
-from poseviewer.figures.map_archive import LossMaps
 from poseviewer.fit.problem import FitProblem
+from poseviewer.fit.progress import SearchProgress
 from poseviewer.fit.slices import Slice
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
-from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.losses.loss import Unexplained
-
-if TYPE_CHECKING:
-    from poseviewer.app.state.session import Session
+from poseviewer.scene.settings import FitSettings
+from poseviewer.starts.automatic import PoseHypothesis
 
 NO_LINES = np.zeros((0, 2, 2))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchRequest:
+    """Request for a search."""
+
+    start: Document
+    """Document that the search begins at."""
+    methods: tuple[FitSettings, ...]
+    """Settings of the active object for each of several searches from the start."""
+    object_indices: tuple[int, ...]
+    """Objects that are searched for in turn."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LossComparison:
+    """Comparison of searches from one start by each loss."""
+
+    ends: tuple[SearchProgress, ...]
+    """Last progress by each loss, in the order of ``LOSSES``."""
+    losses: FloatArray
+    """(n, n): loss of each end (row) by each loss (column)."""
+    outlines: tuple[FloatArray, ...]
+    """For each end (k, 2, 2), line segments in px."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProposedStarts:
+    """Start poses that are requested, or were found and can be chosen from."""
+
+    document: Document
+    """Document for which they were requested."""
+    starts: tuple[PoseHypothesis, ...] = ()
+    """Pose hypotheses, the likeliest first; empty until they are found."""
+    outlines: tuple[FloatArray, ...] = ()
+    """For each start (n, 2, 2), line segments in px of the photo."""
+    index: int = -1
+    """Index of the chosen start; -1: none yet."""
+    is_over: bool = False
+    """Whether the search for starts, and for a pose from them, has ended."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PropagationRequest:
+    """Request to propagate the active object's poses."""
+
+    start: Document
+    first: int
+    """Index of the first frame that gets a pose, unless it has a key."""
+    last: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PropagationProgress:
+    """A propagation, and how far it is."""
+
+    request: PropagationRequest
+    steps: int = 0
+    """Number of its steps that the scene has."""
+    frame_index: int = 0
+    """Index of the last step's frame."""
+    notes: tuple[str, ...] = ()
+    """Sentences on its end."""
+    follows: bool = True
+    """Whether the frame of each step is shown: until the user looks at another one."""
+    is_over: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LossReading:
     """Unexplained shares at the active object's pose."""
 
-    request: Session
+    at_pose: tuple[object, ...]
+    """Values that are equal if the loss is the same."""
     mean: Unexplained | None = None
     """Mean over the compared views; None: ``note`` says why."""
     note: str = ""
@@ -44,7 +106,9 @@ class LossReading:
 class Overlay:
     """Drawing of the active object."""
 
-    request: Session
+    document: Document
+    drawn: tuple[object, ...]
+    """Values that are equal if the picture of the model is the same."""
     outline: FloatArray
     """(n, 2, 2): line segments in px of the photo."""
     edges: FloatArray = field(default_factory=lambda: NO_LINES)
@@ -77,32 +141,6 @@ class Landscape:
     half_width: float
     slices: tuple[Slice, ...] = ()
     """Slices by pairs of parameters, as far as they are computed."""
-
-    def covariance_in(self, session: Session) -> FloatArray | None:
-        """(d, d): covariance of the session's pose in the problem's chart, if it is known."""
-        view = self.problem.views[0]
-        sure = session.covariance_in(view.view_index)
-        with suppress(PoseViewerError, OutsideChartError):
-            return None if sure is None else sure.in_chart(view.chart)
-        return None
-
-    def path_in(self, session: Session) -> FloatArray | None:
-        """(n, d): path of the session's search; None: there is none in the problem's chart."""
-        request, search = session.search, session.own_progress
-        problem = self.problem
-        if not (request and search and search.problem.chart.names == problem.chart.names):
-            return None
-        start = request.start
-        if start.scene.pose(start.active, problem.views[0].view_index) is not self.start:
-            return None  # another chart
-        return np.array([step.parameters for step in search.improvements])
-
-    def maps_in(self, session: Session) -> LossMaps:
-        """The slices as files hold them, with what the session knows of the search."""
-        photo = self.document.scene.views[self.problem.views[0].view_index].photo
-        maps = LossMaps.about(self.parameters, self.slices, self.half_width, self.problem, photo)
-        covariance, path = self.covariance_in(session), self.path_in(session)
-        return replace(maps, covariance=covariance, path=path)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

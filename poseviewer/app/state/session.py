@@ -11,13 +11,13 @@ import numpy as np
 
 from poseviewer.app.state.document import UNLOCK, Document, label_of, loss_inputs, with_camera
 from poseviewer.app.state.dragging import Drag, radius_in_photo
-from poseviewer.app.state.frame_keys import store_changed_poses
-from poseviewer.app.state.history import History
-from poseviewer.app.state.results import Preparation, Results
-from poseviewer.app.state.searches import (
+from poseviewer.app.state.history import History, store_changed_poses
+from poseviewer.app.state.results import (
     LossComparison,
+    Preparation,
     PropagationProgress,
     ProposedStarts,
+    Results,
     SearchRequest,
 )
 from poseviewer.confidence.pose_covariance import PoseCovariance

@@ -15,7 +15,7 @@ from poseviewer import api
 from poseviewer.app.state.document import Document, is_shown, label_of
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import renderer_of
-from poseviewer.app.workers.maps import is_fine
+from poseviewer.app.workers.maps import is_fine, maps_about
 from poseviewer.errors import SettingsError
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
@@ -26,14 +26,13 @@ from poseviewer.files.formats.sequence_export import (
 )
 from poseviewer.files.masks import pose_contents
 from poseviewer.files.scene_json import as_saved, pose_json
-from poseviewer.files.state.uploads import safe_path
-from poseviewer.files.writing import json_bytes
+from poseviewer.files.writing import json_bytes, safe_path
 from poseviewer.losses.default_loss import DEFAULT
 from poseviewer.render.overlay.styles import SOLID_OPACITY, Picture
+from poseviewer.scene.measuring import measure_relative
 from poseviewer.scene.sequence import as_still
 from poseviewer.scene.settings import settings_as_json
 from poseviewer.scene.types import ChartParameters, Scene, SearchResult
-from poseviewer.starts.measuring import measure_relative
 
 Export = Literal["pose", "overlay", "sheet", "maps-npz"] | str
 """Name of a download, or a key of ``CONVERTED``."""
@@ -60,7 +59,7 @@ def scene_to_save(session: Session) -> Scene:
     document, losses = session.document, session.results.losses
     if document.object.result is not None:
         return document.scene
-    mean = losses.mean if losses and losses.request.at_pose == session.at_pose else None
+    mean = losses.mean if losses and losses.at_pose == session.at_pose else None
     chart, focal_note = document.chart, document.photo.focal_note(document.pose.camera)
     result = SearchResult(
         loss=mean and mean.loss,
@@ -145,8 +144,8 @@ def export(
     names = (update.problem.settings.loss for update in mapped)
     whose = ("" if name == DEFAULT.name else f".{name}" for name in names)
     return {
-        f"{stem}.landscape{of}.{kind}": update.maps_in(session).as_bytes(kind)
-        for of, update in zip(whose, mapped, strict=True)
+        f"{stem}.landscape{of}.{kind}": maps_about(maps, session).as_bytes(kind)
+        for of, maps in zip(whose, mapped, strict=True)
     }
 
 

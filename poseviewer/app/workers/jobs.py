@@ -12,16 +12,21 @@ from weakref import WeakSet
 import numpy as np
 
 from poseviewer.app.state.document import Document, reference_view
+from poseviewer.app.state.dragging import move_to
 from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.pose_edits import move_to
-from poseviewer.app.state.proposal_edits import list_starts, stop_proposing, take_fitted_start
-from poseviewer.app.state.results import Preparation
-from poseviewer.app.state.search_edits import preparation_advanced, search_advanced, search_failed
-from poseviewer.app.state.searches import (
+from poseviewer.app.state.results import (
     LossComparison,
+    Preparation,
     ProposedStarts,
     SearchRequest,
-    start_query,
+)
+from poseviewer.app.state.search_edits import (
+    list_starts,
+    preparation_advanced,
+    search_advanced,
+    search_failed,
+    stop_proposing,
+    take_fitted_start,
 )
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.worker import Worker, lower_priority
@@ -43,8 +48,9 @@ from poseviewer.render.overlay.contour import quick_silhouette
 from poseviewer.render.pool import processors
 from poseviewer.render.renderers import RendererName
 from poseviewer.scene.settings import FitSettings
-from poseviewer.starts.automatic import best_start
+from poseviewer.starts.automatic import StartQuery, best_start
 from poseviewer.starts.instances import propose_beside
+from poseviewer.starts.start import StartInputs
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.software_renderer import SoftwareRenderer
@@ -114,7 +120,7 @@ def prepare(mesh: Mesh) -> Iterator[Preparation]:
         raise SettingsError(f"{COMPILING_FAILED} ({sentence_of(error)}).") from error
 
 
-def preparing(notify: Callable[[], None]) -> Worker[Mesh, Edit]:
+def preparing() -> Worker[Mesh, Edit]:
     """Prepare the active object's model."""
 
     def request_of(session: Session) -> Mesh | None:
@@ -125,13 +131,12 @@ def preparing(notify: Callable[[], None]) -> Worker[Mesh, Edit]:
         "preparation",
         request_of,
         lambda mesh: map(preparation_advanced, prepare(mesh)),
-        notify,
         failed=lambda _, error: preparation_advanced(Preparation(trouble=str(error))),
     )
 
 
 def searching() -> Worker[SearchRequest, Edit]:
-    """Search once all is prepared; the main loop polls the progress."""
+    """Search once all is prepared."""
     return Worker(
         "search",
         lambda now: now.search if now.is_searching and not now.preparation else None,
@@ -140,7 +145,7 @@ def searching() -> Worker[SearchRequest, Edit]:
     )
 
 
-def proposing(notify: Callable[[], None], features: Path | None = None) -> Worker[Document, Edit]:
+def proposing(features: Path | None = None) -> Worker[Document, Edit]:
     """Propose start poses once all is prepared; ``features`` are as those of ``StartQuery``."""
 
     def request_of(session: Session) -> Document | None:
@@ -151,7 +156,6 @@ def proposing(notify: Callable[[], None], features: Path | None = None) -> Worke
         "proposals",
         request_of,
         lambda document: propose_and_fit(document, lambda: job.require_current(document), features),
-        notify,
         failed=lambda *_: stop_proposing(),
         low_priority=True,
     )
@@ -188,6 +192,14 @@ def propose_and_fit(
         if document.object.is_placed and not has_no_box:
             raise  # else the page says what helps
         yield list_starts(ProposedStarts(document))
+
+
+def start_query(document: Document) -> StartQuery:
+    """Query for start poses of the active object in the large view."""
+    region = document.in_view.region
+    inputs = StartInputs(document.photo, document.mesh, document.model.keypoints, document.mask)
+    settings = replace(document.settings, region=region)
+    return StartQuery(inputs, document.pose.camera, document.marks.box or region, settings)
 
 
 def search_edits(request: SearchRequest) -> Iterator[Edit]:

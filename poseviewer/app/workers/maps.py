@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from poseviewer.app.state.display_edits import show_results
 from poseviewer.app.state.document import reference_view
-from poseviewer.app.state.edits import Edit
+from poseviewer.app.state.edits import Edit, show_results
 from poseviewer.app.state.results import Landscape
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import for_one_thread
 from poseviewer.app.workers.worker import Worker, lower_priority
 from poseviewer.errors import PoseViewerError
+from poseviewer.figures.map_archive import LossMaps
 from poseviewer.fit.problem import FitProblem, make_problem
 from poseviewer.fit.slices import QUICK_SIZES, quick_level, strides
 from poseviewer.fit.slices import landscape as make_slices
 from poseviewer.fit.stages import make_stages
+from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.losses.loss import LossName
 from poseviewer.render.attributes import Renderer
 from poseviewer.render.pool import RendererPool, processors
@@ -174,3 +177,33 @@ def refine_maps(
         if pair not in newest or bool(np.isfinite(piece.losses[::first, ::first]).all()):
             newest[pair] = piece
         yield replace(landscape, slices=tuple(newest.values()))
+
+
+def covariance_about(landscape: Landscape, session: Session) -> FloatArray | None:
+    """(d, d): covariance of the session's pose in the chart of a landscape, if it is known."""
+    view = landscape.problem.views[0]
+    sure = session.covariance_in(view.view_index)
+    with suppress(PoseViewerError, OutsideChartError):
+        return None if sure is None else sure.in_chart(view.chart)
+    return None
+
+
+def path_about(landscape: Landscape, session: Session) -> FloatArray | None:
+    """(n, d): path of the session's search; None: there is none in the chart of a landscape."""
+    request, search = session.search, session.own_progress
+    problem = landscape.problem
+    if not (request and search and search.problem.chart.names == problem.chart.names):
+        return None
+    start = request.start
+    if start.scene.pose(start.active, problem.views[0].view_index) is not landscape.start:
+        return None  # another chart
+    return np.array([step.parameters for step in search.improvements])
+
+
+def maps_about(landscape: Landscape, session: Session) -> LossMaps:
+    """The maps as files hold them, with what the session knows of the search."""
+    problem = landscape.problem
+    photo = landscape.document.scene.views[problem.views[0].view_index].photo
+    of_loss = landscape.slices, landscape.half_width, problem, photo
+    covariance, path = covariance_about(landscape, session), path_about(landscape, session)
+    return replace(LossMaps.about(landscape.parameters, *of_loss), covariance=covariance, path=path)

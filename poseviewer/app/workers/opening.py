@@ -5,94 +5,42 @@ from dataclasses import replace
 from pathlib import Path
 
 from poseviewer.app.state.document import Document, with_camera
+from poseviewer.app.state.dragging import move_to
 from poseviewer.app.state.objects import with_added
-from poseviewer.app.state.pose_edits import move_to
 from poseviewer.errors import PoseFileError, QuickStartError
 from poseviewer.files.cameras import Calibration, load_calibration
 from poseviewer.files.demo import PLACES
-from poseviewer.files.file_set import FileSet
-from poseviewer.files.image_sequence import ImageSequence, load_sequence
 from poseviewer.files.photo import load_calibrated_photo, load_photo, orientation_of
-from poseviewer.files.photo_sets import LoadedViews, SetChoice, load_views
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_assets import load_model
-from poseviewer.files.scene_json import load_scene
-from poseviewer.files.state.autosave import AutosavedSession
+from poseviewer.files.state.session_file import AutosavedSession
 from poseviewer.geometry.camera import Camera, Parallel, Pose
 from poseviewer.geometry.lens import LensModel, same_undistortion
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.opening.photo_sets import LoadedViews, SetChoice
+from poseviewer.opening.scenes import CORNER, known_scale, notes_of, open_scene
+from poseviewer.opening.sources import ModelFiles, Sources
 from poseviewer.scene.assets import ModelFile, PhotoFile
 from poseviewer.scene.sequence import as_still
 from poseviewer.scene.settings import FitSettings
-from poseviewer.scene.types import InView, Scene, View
-from poseviewer.starts import loading
-from poseviewer.starts.loading import Start, StartInputs, known_scale, notes_of
-from poseviewer.starts.placing import look_from
+from poseviewer.scene.types import InView, View
+from poseviewer.starts.sides import look_from
 
 
-def open_files(
-    photo: Path | ImageSequence,
-    model: Path,
-    pose: Path | None,
-    calibration: Calibration | None = None,
-    mask: Path | None = None,
-    without: Sequence[str] = (),
-    objects: Sequence[Path] = (),
-) -> Document:
-    """Open a photo, or a sequence, and a model.
-
-    Args:
-        photo: its file, or the frames.
-        model: its file.
-        pose: file of the start pose; None: the model is still to be placed.
-        calibration: of the photo's camera.
-        mask: picture whose white pixels count.
-        without: parts that are left out.
-        objects: files of further models, which are still to be placed.
+def open_sources(sources: Sources) -> Document:
+    """Open sources as a document, whose objects have default settings unless a scene says them;
+    further models become objects, still to be placed.
     """
-    parts, start = FitSettings(without=tuple(without)), pose or _corner_start
-    of_photo = parts, calibration, mask
-    if isinstance(photo, ImageSequence):
-        scene = loading.open_sequence(photo, model, start, 1, *of_photo)
-    else:
-        scene = loading.open_photo_scene(photo, model, start, *of_photo)
-    return with_models(_make_document(scene, pose), objects)
-
-
-def open_set(
-    path: Path,
-    model: Path,
-    pose: Path | None,
-    choice: SetChoice | None = None,
-    without: Sequence[str] = (),
-) -> Document:
-    """Open several photos and a model.
-
-    Args:
-        path: file or folder of the set.
-        model: its file.
-        pose: file of the start pose in one photo; None: the model is still to be placed.
-        choice: what the set leaves open.
-        without: parts that are left out.
-    """
-    choice = choice or SetChoice()
-    views, loaded = load_views(path, choice), load_model(model)
-    view, start = choice.view, pose
-    if start is None:
-        view, start = views.views[0].name, _corner_view(loaded, views.views[0].camera)
-    parts = FitSettings(without=tuple(without))
-    scene = loading.open_views(views, loaded, start, parts, view, choice.scale)
-    return _make_document(scene, pose)
-
-
-def _make_document(scene: Scene, pose: Path | None) -> Document:
-    """Document of one object with default settings, placed if there is a pose."""
-    return Document.of(scene.with_object(0, is_placed=pose is not None, settings=FitSettings()))
+    scene = open_scene(sources)
+    if sources.scene is None:
+        scene = scene.with_object(0, settings=FitSettings())
+    document = with_notes(Document.of(scene), sources.notes)
+    return with_models(document, [model.path for model in sources.models[1:]])
 
 
 def open_file_set(
     now: Document,
-    files: FileSet,
+    files: Sources,
     models: Sequence[Path],
     inside: Path | None = None,
     lens_model: LensModel | None = None,
@@ -107,38 +55,33 @@ def open_file_set(
         inside: folder that must contain all files that a scene names.
         lens_model: OpenCV's lens model, if the file of cameras does not name one.
     """
-    if files.scene is not None:
-        return open_scene(files.scene, inside=inside)
-    if files.views is not None:
+    calibration = files.calibration and replace(files.calibration, lens_model=lens_model)
+    if files.scene is not None or files.views is not None or files.frames:
         model = models[0] if models else now.model.path
-        if model is None:
+        if model is None and isinstance(files.views, Path):
             raise QuickStartError(
                 f"{files.views.name}: a set of photos without a model; drop both together."
             )
-        document = with_notes(open_set(files.views, model, files.pose), files.notes)
-        return with_models(document, models[1:])
-    if files.frames:
-        model = models[0] if models else now.model.path
-        if model is None:
+        if model is None and files.frames:
             raise QuickStartError("A sequence without a model; drop both together.")
-        calibration = files.camera and Calibration(files.camera, None, lens_model)
-        document = open_files(load_sequence(files.frames), model, files.pose, calibration)
-        return with_models(with_notes(document, files.notes), models[1:])
+        named = tuple(map(ModelFiles, models))
+        return open_sources(
+            replace(files, model=model, models=named, calibration=calibration, inside=inside)
+        )
     document = replace(now, scene=replace(now.scene, notes=files.notes))
-    photo = now.view.path if files.photo is None and files.camera is not None else files.photo
-    if photo is not None:
+    photo = files.photo if calibration is None or files.photo else now.view.path
+    if isinstance(photo, Path):
         if files.photo is None and now.scene.frames:
             wanted = "drop its frames, the model and this file together"
             raise QuickStartError(f"{photo.name} is a frame of a sequence of one camera; {wanted}.")
-        calibration = None if files.camera is None else Calibration(files.camera, None, lens_model)
         document = open_photo(document, photo, calibration)
         if calibration is not None:
             document = with_notes(document, [_camera_note(document, calibration)])
     if models:
         is_same = files.models[0].path == now.model.path
         document = (complete_model if is_same else open_model)(document, models[0])
-    if files.pose is not None:
-        document = open_pose(document, files.pose)
+    if isinstance(files.start, Path):
+        document = open_pose(document, files.start)
     return with_models(document, models[1:])
 
 
@@ -163,14 +106,6 @@ def with_models(document: Document, paths: Sequence[Path]) -> Document:
         model = load_model(path)
         document = with_notes(with_added(document, model), notes_of(model))
     return document
-
-
-def open_scene(path: Path, without: Sequence[str] = (), inside: Path | None = None) -> Document:
-    """Open a scene file; parts ``without`` are named ``ID:PART``, ``inside`` bounds its files."""
-    settings = FitSettings(without=tuple(without)) if without else None
-    return Document.of(
-        replace(loading.open_scene_files(load_scene(path, inside), settings), name=path.name)
-    )
 
 
 def open_photo(now: Document, path: Path, calibration: Calibration | None = None) -> Document:
@@ -248,17 +183,18 @@ def open_pose(now: Document, path: Path) -> Document:
     """
     photo = now.photo
     scale = None
-    parts = FitSettings(without=now.object.without)
+    settings = FitSettings(without=now.object.without)
+    sources = Sources(model=now.model, start=path, settings=settings)
     if len(now.scene.views) > 1:
         views = LoadedViews(now.scene.name, now.scene.views, now.scene.unit)
         scale = None if now.scene.free_scale else 1.0 / now.object.world_from_model.scale
-        opened = loading.open_views(views, now.model, path, parts, scale=scale)
+        opened = open_scene(replace(sources, views=views, choice=SetChoice(scale=scale)))
         scale = opened.objects[0].world_from_model.scale
     else:
         lens = load_pose(path).undistortion
         if lens and not same_undistortion(lens, photo.undistortion) and now.view.path is not None:
             photo = replace(load_photo(now.view.path), name=photo.name)
-        opened = loading.open_photo_scene(photo, now.model, path, parts)
+        opened = open_scene(replace(sources, photo=photo))
     document, names = now, [view.name for view in now.scene.views]
     for view in opened.views:
         document = document.with_view(names.index(view.name))
@@ -282,12 +218,8 @@ def open_pose(now: Document, path: Path) -> Document:
     return with_notes(document, [note for note in opened.notes if note not in old_notes])
 
 
-def _corner_start(inputs: StartInputs) -> Start:
-    return Start(_corner_view(inputs, inputs.photo.default_camera()), ())
-
-
-def _corner_view(model: ModelFile | StartInputs, camera: Camera) -> Pose:
-    return look_from("three-quarter", model.mesh, model.keypoints, camera)
+def _corner_view(model: ModelFile, camera: Camera) -> Pose:
+    return look_from(CORNER, model.mesh, model.keypoints, camera)
 
 
 def open_autosaved(autosave: AutosavedSession) -> Document:
@@ -308,7 +240,7 @@ def open_autosaved(autosave: AutosavedSession) -> Document:
                 raise
             notes.append(str(error))
     objects = tuple(item for item in scene.objects if item.model.location.is_file())
-    scene = loading.open_scene_files(replace(scene, objects=objects))
+    scene = open_scene(Sources(scene=replace(scene, objects=objects)))
     views = tuple(
         replace(view, file=PhotoFile.of(replace(view.photo, name=name), view.path))
         for view, name in zip(scene.views, names, strict=True)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
-from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.document import is_shown
-from poseviewer.app.state.edits import Edit
+from poseviewer.app.state.edits import Edit, set_fields
 from poseviewer.app.state.objects import MAX_OBJECTS
 from poseviewer.app.state.results import Outlines
 from poseviewer.app.state.session import Session
@@ -64,7 +63,7 @@ class OutlineRequest:
         )
 
 
-def outlining(notify: Callable[[], None]) -> Worker[OutlineRequest, Edit]:
+def outlining() -> Worker[OutlineRequest, Edit]:
     """Draw outlines; a drawing under way is finished before the next one."""
     renderer = lru_cache(maxsize=MAX_OBJECTS)(lambda mesh: renderer_of(mesh).clone())
 
@@ -102,6 +101,5 @@ def outlining(notify: Callable[[], None]) -> Worker[OutlineRequest, Edit]:
         "outlines",
         lambda session: None if session.preparation else OutlineRequest.of(session),
         make,
-        notify,
         serves=lambda begun, request, busy: busy or begun == request,
     )

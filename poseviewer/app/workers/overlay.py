@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from poseviewer.app.state.display_edits import show_results
 from poseviewer.app.state.document import Document, reference_view
 from poseviewer.app.state.dragging import rotate
-from poseviewer.app.state.edits import Edit
+from poseviewer.app.state.edits import Edit, show_results
 from poseviewer.app.state.marking import pose_beside_wheels
 from poseviewer.app.state.results import NO_LINES, LossReading, Overlay
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import for_one_thread
 from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import PoseViewerError
+from poseviewer.fit.compared_pixels import ViewResidual
 from poseviewer.fit.lighting import render_relit
-from poseviewer.fit.problem import ViewResidual, make_problem
+from poseviewer.fit.problem import make_problem
 from poseviewer.fit.visibility import DepthImage, depth_image
+from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.placing import fit_into_rectangle
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.losses.loss import Unexplained, mean_over
 from poseviewer.render.overlay import LOOKS
@@ -32,7 +34,6 @@ from poseviewer.render.overlay.contour import Sketch, quick_silhouette, silhouet
 from poseviewer.render.overlay.edges import find_lines
 from poseviewer.render.overlay.styles import ModelInPhoto, Relight, draw_style, line_scale
 from poseviewer.scene.types import PlacedModel
-from poseviewer.starts.placing import fit_into_rectangle
 
 if TYPE_CHECKING:  # numba takes a quarter of a second
     from poseviewer.render.software.software_renderer import SoftwareRenderer
@@ -89,9 +90,9 @@ class LossReader:
         """Evaluate the losses, or say why there are none."""
         document, views = request.document, self.views(request)
         if not views:
-            return LossReading(request, note=self._note)
+            return LossReading(request.at_pose, note=self._note)
         mean, by_view = self._read_all(document)
-        return LossReading(request, mean, "", self._start, by_view)
+        return LossReading(request.at_pose, mean, "", self._start, by_view)
 
     def _read_all(self, document: Document) -> tuple[Unexplained, dict[int, Unexplained]]:
         """Unexplained shares at the active object's pose: mean, and by view."""
@@ -110,6 +111,10 @@ class LossReader:
         return scale.read(view.loss.of_moments(moments), moments)
 
 
+def _overlay(request: Session, outline: FloatArray = NO_LINES, **drawing: Any) -> Overlay:
+    return Overlay(request.document, request.drawn, outline, **drawing)
+
+
 class OverlayDrawer:
     """Draws overlays in one thread, with cached renderers."""
 
@@ -122,8 +127,8 @@ class OverlayDrawer:
         """Draw the quick outline, or a picture."""
         document, style = request.document, request.display.style
         if style == "outline":
-            return Overlay(request, quick_silhouette(document.mesh, self._quick, document.pose))
-        return Overlay(request, NO_LINES) if style == "none" else self._picture(request)
+            return _overlay(request, quick_silhouette(document.mesh, self._quick, document.pose))
+        return _overlay(request) if style == "none" else self._picture(request)
 
     def _picture(self, request: Session) -> Overlay:
         document, display = request.document, request.display
@@ -137,7 +142,7 @@ class OverlayDrawer:
             views = self._reader.views(request)
             compared = next((view.photo for view in views if view.view_index == view_index), None)
             if compared is None:
-                return Overlay(request, NO_LINES)
+                return _overlay(request)
             relight = partial(render_relit, compared, self._reader.renderer, document.pose)
         view = ModelInPhoto(pixels, document.mesh, self._fine, pose, relight, display.opacity)
         picture = draw_style(display.style, view)
@@ -145,7 +150,7 @@ class OverlayDrawer:
         if others:
             occluded = _depth_of(others, factor) < depth_image(PlacedModel(document.mesh, pose))
             picture = np.where(occluded[..., None], pixels, picture)
-        return Overlay(request, NO_LINES, picture=picture)
+        return _overlay(request, picture=picture)
 
 
 @lru_cache(maxsize=1)
@@ -161,18 +166,18 @@ def draw_fine_lines(request: Session, renderer: SoftwareRenderer) -> Overlay:
     scale = line_scale(pose.camera.width, pose.camera.height)
     lines = find_lines(mesh, renderer, pose, scale)
     if lines is None:
-        return Overlay(request, NO_LINES)
-    return Overlay(request, silhouette(lines.covered, lines.window), lines.edge_segments())
+        return _overlay(request)
+    return _overlay(request, silhouette(lines.covered, lines.window), edges=lines.edge_segments())
 
 
-def drawing(notify: Callable[[], None]) -> Worker[Session, Edit]:
+def drawing() -> Worker[Session, Edit]:
     """Draw the model; a drawing under way is finished before the next one."""
     drawer = for_one_thread(OverlayDrawer)
 
     def make(request: Session) -> Iterator[Edit]:
         mesh, pose = request.document.mesh, request.document.pose
         if request.preparation is not None:
-            overlay = Overlay(request, quick_silhouette(mesh, _cached_sketch(mesh), pose))
+            overlay = _overlay(request, quick_silhouette(mesh, _cached_sketch(mesh), pose))
         else:
             overlay = drawer(mesh).draw(request)
         yield show_results(request.document, overlay=overlay)
@@ -181,33 +186,37 @@ def drawing(notify: Callable[[], None]) -> Worker[Session, Edit]:
         "overlay",
         lambda session: session.request,
         make,
-        notify,
         serves=lambda begun, request, busy: busy or begun.drawn == request.drawn,
         period_s=lambda session: SEARCH_DRAW_S if session.is_searching else 0.0,
     )
 
 
-def refining(notify: Callable[[], None]) -> Worker[Session, Edit]:
+def refining() -> Worker[Session, Edit]:
     """Draw the lines finely once the model is at rest."""
     renderer = for_one_thread(lambda renderer: renderer)
 
     def request_of(session: Session) -> Session | None:
         overlay = session.results.overlay
-        if overlay is None or session.is_moving or overlay.request.drawn != session.drawn:
+        if overlay is None or session.is_moving or overlay.drawn != session.drawn:
             return None
         is_wanted = session.preparation is None and session.display.style == "outline"
-        return overlay.request if is_wanted else None
+        return session.request if is_wanted else None
 
     def make(request: Session) -> Iterator[Edit]:
         job.require_current(request, SETTLED_S)
         overlay = draw_fine_lines(request, renderer(request.document.mesh))
         yield show_results(request.document, overlay=overlay)
 
-    job = Worker("fine overlay", request_of, make, notify)
+    job = Worker(
+        "fine overlay",
+        request_of,
+        make,
+        serves=lambda begun, request, _: begun.drawn == request.drawn,
+    )
     return job
 
 
-def picturing(notify: Callable[[], None]) -> Worker[ModelPicture, Edit]:
+def picturing() -> Worker[ModelPicture, Edit]:
     """Draw the model alone, for marking its points."""
     renderer = for_one_thread(lambda renderer: renderer)
 
@@ -233,12 +242,11 @@ def picturing(notify: Callable[[], None]) -> Worker[ModelPicture, Edit]:
         "model alone",
         request_of,
         make,
-        notify,
         serves=lambda begun, request, busy: busy or begun == request,
     )
 
 
-def reading(notify: Callable[[], None]) -> Worker[Session, Edit]:
+def reading() -> Worker[Session, Edit]:
     """Evaluate the loss of the current pose, except during a search, which reports its own."""
     reader = for_one_thread(LossReader)
 
@@ -250,6 +258,5 @@ def reading(notify: Callable[[], None]) -> Worker[Session, Edit]:
         "loss",
         lambda now: None if now.preparation or now.is_searching else now.request,
         make,
-        notify,
         serves=lambda begun, request, busy: busy or begun.at_pose == request.at_pose,
     )

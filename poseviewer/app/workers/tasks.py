@@ -8,8 +8,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.app.state.document_edits import open_document
-from poseviewer.app.state.edits import AskNumbers, Edit, ReviewRow, SavePose, ShowHelp
+from poseviewer.app.state.edits import (
+    AskNumbers,
+    Edit,
+    ReviewRow,
+    SavePose,
+    ShowHelp,
+    open_document,
+)
 from poseviewer.app.state.hiding import Stroke, mask_pixels
 from poseviewer.app.state.marking import lay_wheels
 from poseviewer.app.state.objects import add_object
@@ -19,15 +25,16 @@ from poseviewer.app.workers.exporting import OF_FRAMES, Export, export
 from poseviewer.app.workers.opening import has_demo_model, open_autosaved, open_file_set
 from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import FileSetError, QuickStartError
-from poseviewer.files.file_set import Kind, files_below, sort_set
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.scene_assets import load_model
-from poseviewer.files.state.autosave import AutosavedSession
-from poseviewer.files.state.uploads import MAX_UPLOAD_BYTES, display_name, gather, keep_set
+from poseviewer.files.state.session_file import AutosavedSession
 from poseviewer.geometry.camera import size_at_scale
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import LensModel
-from poseviewer.starts.loading import StartInputs, notes_of
+from poseviewer.opening.scenes import notes_of
+from poseviewer.opening.sources import Kind, files_below, sort_set
+from poseviewer.opening.uploads import MAX_UPLOAD_BYTES, display_name, gather, keep_set
+from poseviewer.starts.start import StartInputs
 from poseviewer.starts.wheels import likely_wheels
 
 
@@ -72,12 +79,12 @@ Request = Edit | QueuedTask | SavePose | ShowHelp | AskNumbers | ReviewRow | Res
 class TaskQueue(Worker[tuple[QueuedTask, Session], TaskResult]):
     """Queue of tasks, and the thread that does them."""
 
-    def __init__(self, notify: Callable[[], None], state: Path) -> None:
+    def __init__(self, state: Path) -> None:
         def do(request: tuple[QueuedTask, Session]) -> Iterator[TaskResult]:
             task, session = request
             yield task.run(session, state)
 
-        super().__init__("tasks", lambda _: None, do, notify, failed=lambda *_: TaskResult())
+        super().__init__("tasks", lambda _: None, do, failed=lambda *_: TaskResult())
         self._waiting: list[QueuedTask] = []
 
     def add(self, task: QueuedTask) -> None:
@@ -97,7 +104,7 @@ class TaskQueue(Worker[tuple[QueuedTask, Session], TaskResult]):
         """Begin the next task once the result of the one before is taken."""
         cannot_draw = session.preparation is not None and not session.preparation.trouble
         task = next((task for task in self._waiting if not (task.draws and cannot_draw)), None)
-        is_free = not self.busy and self._item is None and self._error is None
+        is_free = not self.busy and not self.mailbox.has_news(self)
         if task is not None and is_free:
             self._waiting.remove(task)
             self.begin((task, session))

@@ -1,12 +1,12 @@
 """Workers for a sequence: they read the photo of the wanted frame, and propagate poses."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
 
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.frame_edits import frame_read, propagation_advanced
-from poseviewer.app.state.searches import PropagationRequest
+from poseviewer.app.state.results import PropagationRequest
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.app.workers.worker import Worker
@@ -20,7 +20,7 @@ FrameRequest = tuple[int, PhotoFile]
 """Index and photo of a frame."""
 
 
-def frame_reading(notify: Callable[[], None]) -> Worker[FrameRequest, Edit]:
+def frame_reading() -> Worker[FrameRequest, Edit]:
     """Read the photo of the wanted frame; while it is dragged to others, the newest is next."""
 
     @lru_cache(maxsize=MAX_PHOTOS)
@@ -39,13 +39,12 @@ def frame_reading(notify: Callable[[], None]) -> Worker[FrameRequest, Edit]:
         "frames",
         request_of,
         make,
-        notify,
         failed=lambda request, _: frame_read(request[0], None),
         serves=lambda begun, request, busy: busy or begun == request,
     )
 
 
-def tracking(notify: Callable[[], None]) -> Worker[PropagationRequest, Edit]:
+def tracking() -> Worker[PropagationRequest, Edit]:
     """Propagate poses once all is prepared; other threads go first."""
 
     def request_of(session: Session) -> PropagationRequest | None:
@@ -56,7 +55,6 @@ def tracking(notify: Callable[[], None]) -> Worker[PropagationRequest, Edit]:
         "propagation",
         request_of,
         track_edits,
-        notify,
         failed=lambda request, _: propagation_advanced(request, (), is_over=True),
         low_priority=True,
     )

@@ -1,6 +1,6 @@
 """Background threads, and the mailbox that the main loop reads; no other module knows threads.
 
-A worker makes items from one request at a time, and publishes the newest by one assignment. A new
+A worker makes items from one request at a time, and publishes the newest in the mailbox. A new
 request displaces the old one between two items; no thread waits for another.
 """
 
@@ -12,13 +12,16 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from itertools import chain
 from queue import Empty, SimpleQueue
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from poseviewer.app.state.session import Session
 
 _log = logging.getLogger(__name__)
 
+WAKE_S = 0.03
+"""Least time between two items of a worker that wake the main loop; the end always does."""
 LET_GO_S = 0.005
 """Period in which a job lets other threads use the interpreter, which costs it 0.1 ms."""
 
@@ -27,35 +30,47 @@ A = TypeVar("A")
 
 
 class Mailbox(Generic[T]):
-    """Queue of requests to the main loop; ``notify`` is safe also in signal handlers."""
+    """Requests to the main loop, in order, and the newest items of each other source."""
 
     def __init__(self) -> None:
         self._items: SimpleQueue[T | None] = SimpleQueue()
-        self._posting, self._posted = threading.Lock(), 0
+        self._newest: dict[object, tuple[T, ...]] = {}
+        self._change, self._posted = threading.Lock(), 0
         self.taken = 0
-        """Number of the last item that was taken."""
+        """Number of the last request that was taken."""
 
     def post(self, item: T) -> int:
-        """Add an item, from any thread, without waiting; gives its number."""
-        with self._posting:
+        """Add a request, from any thread, without waiting; gives its number."""
+        with self._change:
             self._items.put(item)
             self._posted += 1
             return self._posted
 
+    def publish(self, source: object, *items: T, adds: bool = False) -> None:
+        """Put items in place of those of a source that still wait, or (``adds``) behind them."""
+        with self._change:
+            self._newest[source] = (*self._newest.get(source, ()), *items) if adds else items
+
+    def has_news(self, source: object) -> bool:
+        """Whether items of a source wait to be taken."""
+        return bool(self._newest.get(source))
+
     def notify(self) -> None:
-        """Wake the reader without an item."""
+        """Wake the reader, from any thread or signal handler."""
         self._items.put(None)
 
     def take(self, timeout: float) -> list[T]:
-        """Take all items, or wait for one, for ``notify`` or for ``timeout`` s."""
-        items: list[T | None] = []
+        """Take all requests and then items, or wait for a request or ``notify``, ``timeout`` s."""
+        requests: list[T | None] = []
         with suppress(Empty):
-            items.append(self._items.get(timeout=timeout))
+            requests.append(self._items.get(timeout=timeout))
             while True:
-                items.append(self._items.get_nowait())
-        taken = [item for item in items if item is not None]
+                requests.append(self._items.get_nowait())
+        taken = [item for item in requests if item is not None]
         self.taken += len(taken)
-        return taken
+        with self._change:
+            newest, self._newest = self._newest, {}
+        return [*taken, *chain.from_iterable(newest.values())]
 
 
 class Worker(Generic[A, T]):
@@ -66,7 +81,6 @@ class Worker(Generic[A, T]):
         name: str,
         request_of: Callable[[Session], A | None],
         make: Callable[[A], Iterator[T]],
-        notify: Callable[[], None] | None = None,
         *,
         failed: Callable[[A, Exception], T] | None = None,
         serves: Callable[[A, A, bool], bool] = lambda begun, request, _: begun is request,
@@ -79,8 +93,7 @@ class Worker(Generic[A, T]):
             name: of the thread.
             request_of: gives the request of a session; None: there is none.
             make: makes items, mostly edits, from a request.
-            notify: is called after every item.
-            failed: makes a last item after an error.
+            failed: makes a last item after an error, before the error itself.
             serves: ``serves(begun, request, busy)`` tells whether a request that was begun, and is
                 under way (``busy``) or done, also answers another one.
             period_s: gives the least time between the starts of two requests.
@@ -91,16 +104,15 @@ class Worker(Generic[A, T]):
         self._failed = failed
         self._serves = serves
         self._period_s = period_s
-        self._notify = notify
         self._thread = ThreadPoolExecutor(1, name, lower_priority if low_priority else None)
         self._change = threading.Condition()
         self._begun: A | None = None
         self._begun_at = -math.inf
         self._running: object = None
-        self._item: T | None = None
-        self._error: Exception | None = None
         self._held = False
-        self._let_go = 0.0
+        self._let_go = self._woken = 0.0
+        self.mailbox: Mailbox[Any] = Mailbox()
+        """Where items and errors are published; its own until it gets another one."""
 
     @property
     def busy(self) -> bool:
@@ -131,8 +143,7 @@ class Worker(Generic[A, T]):
         with self._change:
             self._begun = begun
             self._running = run
-            self._item = None
-            self._error = None
+            self.mailbox.publish(self)
             self._change.notify_all()
 
     def hold(self, held: bool) -> None:
@@ -152,31 +163,13 @@ class Worker(Generic[A, T]):
             if self._change.wait_for(lambda: self._begun is not request, seconds):
                 raise RuntimeError("it is not asked for any more")
 
-    def take(self) -> Iterator[T]:
-        """Yield the newest item since the last call.
-
-        Raises:
-            Exception: the work ended in it.
-        """
-        with self._change:
-            item = self._item
-            error = self._error
-            self._item = None
-            self._error = None
-        if item is not None:
-            yield item
-        if error is not None:
-            if self._failed is not None and self._begun is not None:
-                yield self._failed(self._begun, error)
-            raise error
-
     def close(self) -> None:
         """End the thread after the current item."""
         self.stop()
         self._thread.shutdown()
 
     def _work(self, request: A, run: object) -> None:
-        error: Exception | None = None
+        last: tuple[T | Exception, ...] = ()
         self._wait_while_held(run)
         if self._running is not run:
             return
@@ -185,10 +178,11 @@ class Worker(Generic[A, T]):
                 if not self._publish(run, item):
                     return
                 self._wait_while_held(run)
-        except Exception as raised:  # noqa: BLE001 - the user is told of any
-            _log.debug("%s", threading.current_thread().name, exc_info=raised)
-            error = raised.with_traceback(None)  # its frames keep the request in memory
-        self._publish(run, None, error)
+        except Exception as error:  # noqa: BLE001 - the user is told of any
+            _log.debug("%s", threading.current_thread().name, exc_info=error)
+            last = () if self._failed is None else (self._failed(request, error),)
+            last += (error.with_traceback(None),)  # its frames keep the request in memory
+        self._publish(run, *last, is_over=True)
 
     def _wait_while_held(self, run: object) -> None:
         if self._held:
@@ -198,17 +192,17 @@ class Worker(Generic[A, T]):
             time.sleep(0.0)  # other threads may be waiting for the interpreter
             self._let_go = time.monotonic()
 
-    def _publish(self, run: object, item: T | None, error: Exception | None = None) -> bool:
-        """Publish an item or, with None, the end; False: another request has displaced this one."""
+    def _publish(self, run: object, *items: T | Exception, is_over: bool = False) -> bool:
+        """Publish an item, or how the work ended; False: another request has displaced this one."""
+        now = time.monotonic()
         with self._change:
             if self._running is not run:
                 return False
-            if item is None:
-                self._running, self._error = None, error
-            else:
-                self._item = item
-        if self._notify is not None:
-            self._notify()
+            self.mailbox.publish(self, *items, adds=is_over)
+            self._running = None if is_over else run
+        if is_over or now > self._woken + WAKE_S:
+            self._woken = now
+            self.mailbox.notify()
         return True
 
 

@@ -256,21 +256,38 @@ def pose_entry(scene: Scene, index: int, view: int, options: c.ConvertOptions) -
     Raises:
         PoseFileError: neither says them.
     """
-    item = scene.objects[index]
-    given = options.object_ids[index] if options.object_ids else options.object_id
     factor = options.lengths_in(UNIT, scene, "BOP")
-    place = scene.pose(index, view).camera_from_model
-    is_named = len(scene.objects) == 1 or re.fullmatch(MODEL_NAME, item.model.location.name)
-    if _is_number(item.id) and not (is_named or options.object_ids):
-        given = int(item.id)
-    number = _number(given, MODEL_NAME, item.model.location.name, "object_id", "obj_000005.ply")
+    place, number = scene.pose(index, view).camera_from_model, object_numbers(scene, options)[index]
     return BopObject(number, replace(place, translation=place.translation * factor)).as_json()
+
+
+def object_numbers(scene: Scene, options: c.ConvertOptions) -> list[int]:
+    """Return the objects' numbers: what the user says, else what the models' names say, else, of
+    several objects, the id of the first one of that model.
+
+    Raises:
+        PoseFileError: one is not known, or two models have the same.
+    """
+    several, ids, owners = len(scene.objects) > 1, dict[str, int](), dict[int, SceneObject]()
+    said, numbers = options.object_ids or (options.object_id,) * len(scene.objects), list[int]()
+    for item, given in zip(scene.objects, said, strict=True):
+        name = item.model.location.name
+        if given is None and several and _is_number(item.id) and not re.fullmatch(MODEL_NAME, name):
+            given = ids.setdefault(name, int(item.id))
+        way = f'object_id="{item.id}=NUMBER"' if several else "object_id"
+        numbers.append(number := _number(given, MODEL_NAME, name, "object", way, "obj_000005.ply"))
+        owner = owners.setdefault(number, item)
+        if len({one.model.sha256 or one.model.location for one in (owner, item)}) > 1:
+            found = f"Objects {owner.id} ({owner.model.name}) and {item.id} ({item.model.name})"
+            wanted = f"give each model a number of its own with `{way}`"
+            raise PoseFileError(f"{found} have the number {number} in BOP; {wanted}.")
+    return numbers
 
 
 def image_number(scene: Scene, options: c.ConvertOptions, view: int = 0) -> int:
     """Number of a view's image: what the user says, else by the photo's name."""
     name = scene.views[view].file.location.name
-    return _number(options.image_of(view), PHOTO_NAME, name, "image", "000003.png")
+    return _number(options.image_of(view), PHOTO_NAME, name, "image", "image", "000003.png")
 
 
 def likely_numbers(scene: Scene) -> tuple[int | None, tuple[int, ...]]:
@@ -292,12 +309,14 @@ def _is_number(text: str) -> bool:
     return text.isdecimal() and len(text) <= MAX_DIGITS
 
 
-def _number(given: str | int | None, pattern: str, name: str, option: str, example: str) -> int:
+def _number(
+    given: str | int | None, pattern: str, name: str, what: str, setting: str, example: str
+) -> int:
     said = name if given is None else str(given)
     if match := re.fullmatch(rf"{pattern}|(\d+)", said):
         return int(match[1] or match[2])
-    found = f"BOP wants the {option.partition('_')[0]}'s number, and found {said or 'none'!r}"
-    wanted = f"say it with `{option}` (a file called like {example} says it by its name)"
+    found = f"BOP wants the {what}'s number, and found {said or 'none'!r}"
+    wanted = f"say it with `{setting}` (a file called like {example} says it by its name)"
     raise PoseFileError(f"{found}; {wanted}.")
 
 

@@ -59,8 +59,8 @@ class ConvertOptions:
     """Which image of a file with several: its name, or its number (BOP)."""
     object_id: int | None = None
     """The only object's number (BOP)."""
-    object_ids: tuple[int, ...] = ()
-    """Numbers of all objects, in their order, in place of those that names say."""
+    object_ids: tuple[int | None, ...] = ()
+    """Numbers of all objects, in their order, in place of those that names say; None: as these."""
     calibration: Path | None = None
     """The file of the photo's camera, for files that do not say it."""
     lens_model: LensModel | None = None

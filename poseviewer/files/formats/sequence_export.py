@@ -29,9 +29,8 @@ from poseviewer.files.formats.gltf_export import Track, write_gltf_scene
 from poseviewer.files.formats.known_formats import write_own
 from poseviewer.files.photo import orientation_of, save_photo
 from poseviewer.files.scene_assets import check_frames
-from poseviewer.files.state.uploads import safe_path
 from poseviewer.files.video import save_video
-from poseviewer.files.writing import make_folder, write_whole
+from poseviewer.files.writing import make_folder, safe_path, write_whole
 from poseviewer.geometry.lens import UPRIGHT
 from poseviewer.scene.sequence import as_still, show_frame
 from poseviewer.scene.types import Scene, SearchResult, View

@@ -1,1 +1,1 @@
-"""Session and uploads that the app keeps between runs."""
+"""Session that the app keeps between runs."""

@@ -149,15 +149,15 @@ class GpuRenderer(SoftwareRenderer):
             batch["at"] = np.cumsum(areas) - areas
             inputs = *self._buffers, pixels
             raw = self.device.sums(parameters, inputs, batch, max(int(areas.sum()), 1))
-            rotations = np.stack([poses[i].camera_from_model.rotation for i in indices])
+            rotations = np.stack([poses[i].linear for i in indices])
             by_pose.update(zip(indices, moments_of_sums(photo, raw, rotations), strict=True))
         return by_pose
 
     def _boxes(self, poses: Sequence[Pose], margin: int) -> NDArray[np.int64]:
         """(poses, 4): left, top, width, height of the model, px; -1 for a pose too near."""
-        rotations = np.stack([pose.camera_from_model.rotation for pose in poses])
+        linear = np.stack([pose.linear for pose in poses])
         translations = np.stack([pose.camera_from_model.translation for pose in poses])
-        corners = np.einsum("pij,cj->pci", rotations, self._corners) + translations[:, None]
+        corners = np.einsum("pij,cj->pci", linear, self._corners) + translations[:, None]
         boxes = np.full((len(poses), 4), -1)
         for box, pose, points in zip(boxes, poses, corners, strict=True):
             camera = pose.camera

@@ -76,7 +76,7 @@ class SoftwareRenderer(Renderer):
 
     def render(self, pose: Pose) -> AttributeImage:
         """Draw faces, reflectance and normals at every pixel centre."""
-        size, rotation = (pose.camera.height, pose.camera.width), pose.camera_from_model.rotation
+        size, rotation = (pose.camera.height, pose.camera.width), pose.linear
         reflectance, normals = np.zeros((*size, 3), np.float32), np.zeros((*size, 3), np.float32)
         shade.shade(*self._draw(pose), rotation, reflectance, normals)
         left, top, right, bottom = self._drawn
@@ -107,7 +107,7 @@ class SoftwareRenderer(Renderer):
             return self._structure_moments(pose, photo, photo.structure)
         region = NO_REGION if photo.clipped else (True, *photo.photo_sums)
         of_photo = (photo.planar, photo.weights), photo.origin, photo.model_channels
-        rotation, n = pose.camera_from_model.rotation, photo.channels.shape[2]
+        rotation, n = pose.linear, photo.channels.shape[2]
         pixels, weight, mean, covariance = sums.moments(
             *self._draw(pose), *of_photo, region, rotation
         )
@@ -118,7 +118,7 @@ class SoftwareRenderer(Renderer):
     def _structure_moments(
         self, pose: Pose, photo: PhotoAttributes, structure: PhotoStructure
     ) -> Moments:
-        fixed, rotation = photo.photo_moments, pose.camera_from_model.rotation
+        fixed, rotation = photo.photo_moments, pose.linear
         of_photo = photo.planar, structure.labels, len(structure.class_weights), photo.weights
         visible = self._draw(pose)
         if self._kept is None:
@@ -252,10 +252,10 @@ def _views_around(mesh: Mesh) -> Iterator[Pose]:
 
 def camera_entries(pose: Pose, centre: FloatArray, near: float) -> FloatArray:
     """Return the pose as kernels take it (CAMERA,), for vertices about ``centre``."""
-    camera, transform = pose.camera, pose.camera_from_model
+    camera, linear = pose.camera, pose.linear
     numbers = np.empty(rasterise.CAMERA)
-    numbers[: rasterise.TRANSLATION] = transform.rotation.ravel()
-    shift = transform.rotation @ centre + transform.translation
+    numbers[: rasterise.TRANSLATION] = linear.ravel()
+    shift = linear @ centre + pose.camera_from_model.translation
     numbers[rasterise.TRANSLATION : rasterise.FOCAL] = shift
     if isinstance(camera, Perspective):
         numbers[rasterise.FOCAL :] = camera.fx, camera.fy, camera.cx, camera.cy, max(near, 1e-300)

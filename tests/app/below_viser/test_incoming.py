@@ -8,7 +8,7 @@ from uuid import uuid4
 
 import pytest
 
-from poseviewer.files.state.uploads import MAX_UPLOAD_BYTES, pack
+from poseviewer.opening.uploads import MAX_UPLOAD_BYTES, pack
 from tests.app.below_viser.socket_page import SocketPage
 from tests.app.running_app import RunningApp, running_app
 from tests.scene import Scene

@@ -11,6 +11,7 @@ import numpy as np
 from lxml import html
 from PIL import Image
 
+from poseviewer.app.page.controls import as_html
 from poseviewer.app.page.map_panel import PALETTE, LossGrid, maps_html, on_map
 from poseviewer.app.state.pose_edits import parameters_at
 from poseviewer.confidence.pose_covariance import region_reach
@@ -43,7 +44,7 @@ def pictures(page: str) -> list[np.ndarray]:
 
 def test_every_pixel_has_the_colour_of_its_loss():
     slices = make_slices(21)
-    shown = pictures(LossGrid(slices, NAMES, CENTRE).html())
+    shown = pictures(as_html(LossGrid(slices, NAMES, CENTRE).html()))
     assert len(shown) == 15
     for piece, picture in zip(slices, shown, strict=True):
         share = (piece.losses - piece.losses.min()) / np.ptp(piece.losses)
@@ -71,7 +72,7 @@ def test_the_page_is_small_and_says_what_it_shows():
     slices = [replace(one, error=0.0083) for one in make_slices(41)]
     texts: Any = {"whose": "<ours> & theirs", "large": (piece.first, piece.second)}
     names = ("<img src=x>", "b&c", *NAMES[2:])
-    page = LossGrid(slices, names, CENTRE, candidates, trail, **texts).html()
+    page = as_html(LossGrid(slices, names, CENTRE, candidates, trail, **texts).html())
     assert len(page) < 80_000
     assert "<img src=x>" not in page
     tree = html.fromstring(page)
@@ -86,7 +87,7 @@ def test_the_page_is_small_and_says_what_it_shows():
 
 
 def test_maps_of_another_model_are_dimmed_until_there_are_new_ones():
-    before = LossGrid(make_slices(9), NAMES, CENTRE).html()
+    before = as_html(LossGrid(make_slices(9), NAMES, CENTRE).html())
     assert "pv-dim" not in before
     assert "pv-dim" in maps_html(make_session(), before)
 
@@ -94,7 +95,7 @@ def test_maps_of_another_model_are_dimmed_until_there_are_new_ones():
 def test_every_corner_of_a_simplex_is_a_dot_on_every_map():
     corners = CENTRE + 0.05 * np.vstack([np.zeros(6), np.eye(6)])
     slices = make_slices(9)
-    page = html.fromstring(LossGrid(slices, NAMES, CENTRE, corners).html())
+    page = html.fromstring(as_html(LossGrid(slices, NAMES, CENTRE, corners).html()))
     cells = page.xpath("//div[@class='pv-cell']")
     assert len(cells) == len(slices)
     for piece, cell in zip(slices, cells, strict=True):
@@ -109,7 +110,7 @@ def test_every_corner_of_a_simplex_is_a_dot_on_every_map():
 def test_every_map_shows_the_region_that_the_pose_is_sure_to():
     factor = 0.01 * np.random.default_rng(0).normal(size=(6, 6))
     covariance, slices = factor @ factor.T, make_slices(9)
-    page = html.fromstring(LossGrid(slices, NAMES, CENTRE, covariance=covariance).html())
+    page = html.fromstring(as_html(LossGrid(slices, NAMES, CENTRE, covariance=covariance).html()))
     cells = page.xpath("//div[@class='pv-cell']")
     for piece, cell in zip(slices, cells, strict=True):
         (border,) = cell.xpath(".//polygon[@class='pv-region']/@points")
@@ -128,7 +129,7 @@ def test_every_map_shows_the_region_that_the_pose_is_sure_to():
 def test_of_a_path_its_end_is_drawn_from_where_it_last_comes_onto_all_maps():
     steps = np.array([0.0, 0.1, 0.5, -0.5, 0.4, 0.1, 0.0])  # maps reach to 0.2
     slices, trail = make_slices(9), CENTRE + steps[:, None] * np.ones(6)
-    tree = html.fromstring(LossGrid(slices, NAMES, CENTRE, trail=trail).html())
+    tree = html.fromstring(as_html(LossGrid(slices, NAMES, CENTRE, trail=trail).html()))
     drawn = tree.xpath("//polyline[@class='pv-trail']/@points")
     assert len(drawn) == len(slices)
     for piece, points in zip(slices, drawn, strict=True):
@@ -136,5 +137,5 @@ def test_of_a_path_its_end_is_drawn_from_where_it_last_comes_onto_all_maps():
         wanted = 100.0 * on_map(piece, trail[4:])
         wanted[:, 1] = 100.0 - wanted[:, 1]
         np.testing.assert_allclose(places, wanted, atol=0.01)
-    beside = LossGrid(slices, NAMES, CENTRE, trail=trail[:4]).html()
+    beside = as_html(LossGrid(slices, NAMES, CENTRE, trail=trail[:4]).html())
     assert "polyline" not in beside

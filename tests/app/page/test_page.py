@@ -6,13 +6,13 @@ import pytest
 
 from poseviewer.app.page.controls import plain
 from poseviewer.app.page.texts import notes_text
-from poseviewer.app.state.document_edits import open_document
+from poseviewer.app.state.edits import open_document
 from poseviewer.app.state.search_edits import revert_search
-from poseviewer.app.workers.opening import open_files
 from poseviewer.app.workers.tasks import upload
-from poseviewer.files.state.uploads import pack
+from poseviewer.opening.uploads import pack
 from tests.app.below_viser.socket_page import SocketPage
 from tests.app.running_app import RunningApp, running_app
+from tests.app.state.documents import open_files
 from tests.scene import Scene
 
 NOTED = b"mtllib gone.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2\nf 1 1 2\n"

@@ -12,15 +12,14 @@ from poseviewer.app.page.controls import Controls
 from poseviewer.app.page.handles import handles_of, path_of
 from poseviewer.app.page.panels import STEPS, curve_of
 from poseviewer.app.page.texts import ends_table
-from poseviewer.app.state.searches import LossComparison, SearchRequest
+from poseviewer.app.state.results import LossComparison, SearchRequest
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import search_edits
-from poseviewer.app.workers.opening import open_files
 from poseviewer.geometry.charts import short_name
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.scene.settings import FitSettings, Limits
 from tests.app.state import edits as c
-from tests.app.state.documents import after
+from tests.app.state.documents import after, open_files
 from tests.app.state.sets import make_set_session
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from poseviewer.app.page.above_steps import objects_list
 from poseviewer.app.page.photo_view import OUTLINE_NAME, _model, _other_objects
-from poseviewer.app.state.display_edits import set_fields
+from poseviewer.app.state.edits import set_fields
 from poseviewer.app.state.objects import add_object, pick_object
 from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.results import Outlines, Overlay
@@ -16,7 +16,7 @@ LINES = np.zeros((1, 2, 2))
 
 def colours_of(session: Session) -> dict[int, tuple[int, int, int]]:
     """Colours of the outlines by the objects' ids."""
-    drawn = Overlay(session.request, LINES)
+    drawn = Overlay(session.document, session.drawn, LINES)
     other = {int(item.id): LINES for item in session.document.scene.objects}
     session = after(session, set_fields("results", overlay=drawn, outlines=Outlines(other)))
     by_name = {drawing.name: drawing.colour for drawing in _other_objects(session)}

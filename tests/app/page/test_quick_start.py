@@ -12,10 +12,11 @@ from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_assets import load_model
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.placing import fit_into_rectangle, surface_point
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.scene.assets import ModelFile
-from poseviewer.starts.placing import fit_into_rectangle, look_from, surface_point
+from poseviewer.starts.sides import look_from
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage
 

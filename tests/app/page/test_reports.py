@@ -6,8 +6,7 @@ import pytest
 
 from poseviewer.app.page.reports import meaning_of
 from poseviewer.app.state import hiding as h
-from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.pointer_edits import update
+from poseviewer.app.state.edits import Edit, update
 from poseviewer.app.workers.tasks import QueuedTask
 from tests.app.state.documents import make_session
 

@@ -9,8 +9,9 @@ import pytest
 from lxml import html as lxml_html
 from scipy.spatial.transform import Rotation
 
-from poseviewer.app.page.result import copies_of, deviations_of, pose_numbers, result_html
+from poseviewer.app.page.result import copies_of, deviations_of, result_html
 from poseviewer.app.page.texts import files_text
+from poseviewer.app.state.pose_edits import pose_numbers
 from poseviewer.app.state.session import Session
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.files.pose import load_pose

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from lxml import html as lxml_html
 
-from poseviewer.app.page.above_steps import parts_left_out
+from poseviewer.app.page.above_steps import objects_list, parts_left_out
 from poseviewer.app.page.controls import plain
+from poseviewer.app.page.measure_panel import relative_html
+from poseviewer.app.page.result import result_html
 from poseviewer.app.page.texts import (
     SEARCHING_HINT,
     SIZE_HINT,
@@ -24,6 +26,7 @@ from poseviewer.app.page.texts import (
     search_text,
     verdict_text,
 )
+from poseviewer.app.page.time_line import time_line
 from poseviewer.app.state import hiding as h
 from poseviewer.app.state.results import LossReading, Results
 from poseviewer.app.workers.exporting import scene_to_save
@@ -33,8 +36,10 @@ from poseviewer.files.scene_json import as_saved, pose_json
 from poseviewer.losses.default_loss import UnexplainedScale
 from poseviewer.losses.loss import Unexplained
 from poseviewer.scene.types import SearchResult
+from tests.app.sequences import make_sequence
 from tests.app.state import edits as c
 from tests.app.state.documents import PERSPECTIVE, after, held, make_photo, make_session
+from tests.app.state.test_objects import with_two
 from tests.meshes import make_two_boxes
 
 
@@ -60,13 +65,37 @@ def test_no_name_is_markup_to_the_page(name: str):
     assert html.unescape(shown) == name
     assert plain("demo_photo.jpg (1): 2 & 3") == "demo_photo.jpg (1): 2 &amp; 3"
     session = make_session()
-    losses = LossReading(session, note=f"{name}: no loss")
+    losses = LossReading(session.at_pose, note=f"{name}: no loss")
     document = session.document.with_marks(note=name)
     session = replace(session, results=Results(losses=losses), document=document, tool="pairs")
     assert shown in search_text(session)
     assert shown in marks_text(session)
     for text in (search_text(session), marks_text(session)):
         assert name not in text
+
+
+def test_what_files_say_is_text_in_every_piece_of_the_page():
+    odd = "<img src=x onerror='a()'>\"&amp;"
+    session, document = with_two(), make_sequence()
+    objects = [
+        replace(item, name=odd, model=replace(item.model, unit=odd))
+        for item in session.document.scene.objects
+    ]
+    scene = replace(session.document.scene, objects=tuple(objects))
+    session = replace(session, document=replace(session.document, scene=scene))
+    session = after(session, c.set_fields("display", relative_to=f"{odd} (1)"))
+    frames = [replace(one, file=replace(one.file, name=odd)) for one in document.scene.frames]
+    scene = replace(document.scene, frames=tuple(frames))
+    sequence = replace(session, document=replace(document, scene=scene))
+    for piece in (
+        objects_list(session),
+        result_html(session),
+        relative_html(session),
+        time_line(sequence),
+    ):
+        page = lxml_html.fromstring(piece)
+        assert page.xpath("//img") == []
+        assert odd in page.text_content()
 
 
 def test_reasons_of_a_file_are_no_markup_to_the_page():
@@ -112,7 +141,7 @@ def test_the_share_that_is_hidden_is_said():
 def test_what_is_said_of_a_pose_that_moves_is_said_to_be_coarse():
     session = make_session()
     scale = UnexplainedScale(100.0, 3, 3)
-    losses = LossReading(session, Unexplained(scale, scale.worst))
+    losses = LossReading(session.at_pose, Unexplained(scale, scale.worst))
     rests = replace(session, results=Results(losses=losses))
     assert search_text(rests) == "**unexplained 1.000** at this pose"
     for moved in (held(rests), after(rests, c.nudge("move", 1.0))):
@@ -131,7 +160,7 @@ def test_a_pose_has_one_value_and_a_search_by_other_pixels_is_said():
         hidden = (pixels,) if "without" in words else (None,)
         result = SearchResult(loss=0.1, unexplained=unexplained, hidden=hidden)
         found = replace(session, document=session.document.with_object(result=result))
-        found = replace(found, results=Results(losses=LossReading(found, mean)))
+        found = replace(found, results=Results(losses=LossReading(found.at_pose, mean)))
         first, *more = search_text(found).splitlines()
         assert first.rstrip() == "**unexplained 1.000** at this pose"
         assert len(more) == bool(words)

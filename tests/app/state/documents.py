@@ -1,24 +1,29 @@
 """Documents and sessions to test with: noise for a photo, a box for a car."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.dragging import Drag
-from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.pointer_edits import update
-from poseviewer.app.state.session import SearchRequest, Session
+from poseviewer.app.state.edits import Edit, update
+from poseviewer.app.state.results import SearchRequest
+from poseviewer.app.state.session import Session
+from poseviewer.app.workers.opening import open_sources
 from poseviewer.errors import PoseViewerError
+from poseviewer.files.cameras import Calibration
+from poseviewer.files.image_sequence import ImageSequence
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.opening.sources import Sources
 from poseviewer.scene.assets import ModelFile, PhotoFile
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import View, scene_at
-from poseviewer.starts.placing import look_from
+from poseviewer.starts.sides import look_from
 from poseviewer.vehicle.vehicle_keypoints import SideKeypoints, VehicleKeypoints
 from tests.meshes import make_box, make_bumpy
 
@@ -109,3 +114,15 @@ def assert_same_pose(own: Pose, its: Pose, atol: float = 1e-9) -> None:
     np.testing.assert_allclose(a.rotation, b.rotation, atol=atol)
     np.testing.assert_allclose(a.translation, b.translation, atol=atol)
     assert own.camera == its.camera
+
+
+def open_files(
+    photo: Path | ImageSequence,
+    model: Path,
+    start: Path | None,
+    calibration: Calibration | None = None,
+) -> Document:
+    """A photo, or frames, with a model and perhaps its start, as the app opens them."""
+    files = Sources(model=model, start=start, calibration=calibration)
+    is_sequence = isinstance(photo, ImageSequence)
+    return open_sources(replace(files, **{"frames" if is_sequence else "photo": photo}))

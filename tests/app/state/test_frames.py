@@ -7,11 +7,8 @@ import pytest
 
 from poseviewer.app.page.reports import meaning_of
 from poseviewer.app.page.texts import occlusion_text
-from poseviewer.app.state.camera_edits import set_field_of_view
-from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.document import Document
-from poseviewer.app.state.document_edits import redo, undo
-from poseviewer.app.state.edits import Edit
+from poseviewer.app.state.edits import Edit, cancel_drag, redo, release, set_fields, undo
 from poseviewer.app.state.frame_edits import (
     edit_frames,
     frame_read,
@@ -30,8 +27,8 @@ from poseviewer.app.state.hiding import (
 )
 from poseviewer.app.state.history import MAX_OPENED
 from poseviewer.app.state.objects import add_object, pick_object, remove_object, set_unit
-from poseviewer.app.state.pointer_edits import cancel_drag, drag_to, press, release
-from poseviewer.app.state.pose_edits import nudge
+from poseviewer.app.state.pointer_edits import drag_to, press
+from poseviewer.app.state.pose_edits import nudge, set_field_of_view
 from poseviewer.app.state.session import Session
 from poseviewer.files.scene_json import as_saved
 from poseviewer.fit.propagation import FrameStep

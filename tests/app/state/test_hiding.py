@@ -11,7 +11,6 @@ from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.objects import add_object, pick_object
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import run_search
-from poseviewer.app.workers.opening import open_files
 from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene_json import as_saved, pose_json
 from poseviewer.geometry.mask import Mask
@@ -27,6 +26,7 @@ from tests.app.state.documents import (
     asked_of,
     make_photo,
     make_session,
+    open_files,
     refused,
 )
 from tests.meshes import make_two_boxes

@@ -6,6 +6,7 @@ from functools import reduce
 import numpy as np
 import pytest
 
+from poseviewer.app.page.controls import as_html
 from poseviewer.app.page.handles import DIAMOND, handles_of, model_html
 from poseviewer.app.page.texts import hint_of
 from poseviewer.app.state.edits import Edit
@@ -24,7 +25,7 @@ from poseviewer.files.demo import demo_case
 from poseviewer.files.scene_assets import load_model
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.transform import RigidTransform, rotation_angle
-from poseviewer.starts.placing import look_from
+from poseviewer.starts.sides import look_from
 from poseviewer.starts.wheels import FoundWheels
 from poseviewer.vehicle.chart import visible_side
 from poseviewer.vehicle.wheel_pose import WheelFit, Wheels, ellipse_through, wheel_rims
@@ -203,7 +204,8 @@ def test_once_its_wheels_are_marked_a_car_without_a_pose_is_looked_for():
         session = drawn_beside(after(opened, c.set_tool("wheels")), seen)
         half = after(session, press_beside(seen.project(wanted.left.rear_wheel)))
         assert not half.is_proposing
-        assert (DIAMOND in handles_of(half)) is is_placed  # else the model is nowhere in the photo
+        is_drawn = as_html(DIAMOND) in handles_of(half)
+        assert is_drawn is is_placed  # else the model is nowhere in the photo
         marked = after(half, press_beside(seen.project(wanted.left.front_wheel)))
         assert marked.is_proposing is not is_placed
         assert ("looking for the wheels" in hint_of(marked)) is not is_placed

@@ -2,11 +2,11 @@
 
 import json
 from dataclasses import replace
-from html import escape
 from pathlib import Path
 
 import numpy as np
 import pytest
+from lxml import html
 from PIL import Image
 
 from poseviewer.app.page.above_steps import loss_bar
@@ -24,10 +24,10 @@ from poseviewer.app.page.texts import (
 from poseviewer.app.state.document import Document, verdict_of
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.objects import add_object, pick_object
-from poseviewer.app.state.searches import ProposedStarts, start_query
+from poseviewer.app.state.results import ProposedStarts
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import propose_and_fit as made
-from poseviewer.app.workers.opening import open_files
+from poseviewer.app.workers.jobs import start_query
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.files.demo import demo_case
 from poseviewer.files.photo import load_photo
@@ -46,6 +46,7 @@ from tests.app.state.documents import (
     make_document,
     make_photo,
     make_session,
+    open_files,
 )
 from tests.starts.backbone import save_random_backbone
 
@@ -118,7 +119,7 @@ def test_the_one_that_is_pressed_becomes_the_start():
     row = proposals_row(first)
     assert row.count("<image") == row.count("30 %") == 3
     press = {"kind": "start", "index": 2}
-    assert escape(json.dumps(press)) in row
+    assert json.loads(html.fromstring(row).xpath("//@data-report")[2]) == press
     pressed = meaning_of(json.dumps(press))
     assert isinstance(pressed, Edit)
     taken = after(first, pressed)
@@ -293,7 +294,7 @@ def test_a_model_that_is_found_is_placed_in_one_step(edits):
 def test_a_fit_that_is_not_sure_or_not_asked_for_any_more_places_nothing(edits):
     session, (listing, fitting) = edits
     document, asked, latest, index = fitting.arguments
-    result = replace(latest.results[0], verdict=Verdict("doubtful", 0.5))
+    result = replace(latest.best.objects[0].result, verdict=Verdict("doubtful", 0.5))
     unsure = replace(latest, scene=latest.scene.with_object(0, result=result))
     listed = after(session, listing)
     left = after(listed, c.take_fitted_start(document, asked, unsure, index))

@@ -14,8 +14,7 @@ import pytest
 from poseviewer.app.state import hiding as h
 from poseviewer.app.state import marking as m
 from poseviewer.app.state import objects as o
-from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.pointer_edits import update
+from poseviewer.app.state.edits import Edit, update
 from poseviewer.errors import PoseViewerError
 from tests.app.state import edits as c
 from tests.app.state.documents import HEIGHT, WIDTH, make_session

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from poseviewer.app.state.edits import Edit
-from poseviewer.app.state.results import Landscape, Preparation
-from poseviewer.app.state.searches import LossComparison
+from poseviewer.app.state.hiding import mask_pixels
+from poseviewer.app.state.results import Landscape, LossComparison, Preparation
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import run_search, search_edits
 from poseviewer.app.workers.maps import refine_maps
-from poseviewer.app.workers.opening import open_files
 from poseviewer.app.workers.overlay import LossReader
 from poseviewer.fit.problem import make_problem
 from poseviewer.fit.progress import SearchProgress
@@ -26,6 +25,7 @@ from tests.app.state.documents import (
     make_document,
     make_photo,
     make_session,
+    open_files,
     refused,
 )
 
@@ -276,3 +276,14 @@ def test_each_end_can_be_taken_with_its_method_and_undone(session, steps, index)
     assert_same_pose(other.document.pose, comparison.ends[1 - index].progress.pose)
     assert after(other, c.set_loss("default")).document.settings == SETTINGS
     assert after(done, c.take_end(2)) is done
+
+
+def test_what_is_hidden_after_a_comparison_stays_hidden_at_its_other_end(session, steps):
+    done, _ = compared(session, steps)
+    photo = done.document.photo
+    left = np.zeros((photo.height, photo.width), bool)
+    left[:, :9] = True
+    hidden = after(done, mask_pixels(photo, left))
+    mask = hidden.document.view.mask
+    assert mask is not None
+    assert after(hidden, c.take_end(1)).document.view.mask is mask

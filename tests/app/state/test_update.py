@@ -16,7 +16,7 @@ from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.transform import rotation_angle
 from poseviewer.scene.settings import FitSettings
-from poseviewer.starts.placing import look_from
+from poseviewer.starts.sides import look_from
 from poseviewer.vehicle.chart import VehicleChart
 from tests.app.state import edits as c
 from tests.app.state.documents import (

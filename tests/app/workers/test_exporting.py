@@ -9,9 +9,9 @@ from zipfile import ZipFile
 
 import numpy as np
 import pytest
+import trimesh
 
-from poseviewer.app.state.display_edits import set_fields
-from poseviewer.app.state.document_edits import undo
+from poseviewer.app.state.edits import set_fields, undo
 from poseviewer.app.state.objects import (
     add_object,
     alter_object,
@@ -21,18 +21,19 @@ from poseviewer.app.state.objects import (
 )
 from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import CONVERTED, RELATIVE, export
 from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.app.workers.maps import SIZE, MapMaker
-from poseviewer.app.workers.opening import open_files, open_scene
+from poseviewer.app.workers.opening import open_sources
+from poseviewer.app.workers.saving import Autosaver
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.formats.bop import likely_numbers
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.scene_assets import load_model
+from poseviewer.opening.sources import Sources
 from poseviewer.scene.settings import FitSettings
-from tests.app.state.documents import after
+from tests.app.state.documents import after, open_files
 from tests.commands import run
 
 OF_ONE_UNIT = ("bop", "dope", "linemod")
@@ -140,8 +141,24 @@ def test_numbers_are_guessed_apart_for_two_models_and_alike_for_one_twice(scene,
     assert likely_numbers(session.document.scene) == (None, (1, 2, 1))
 
 
+def test_two_models_have_no_number_in_common_and_one_twice_has_one(scene, tmp_path):
+    ball = tmp_path / "ball.ply"
+    trimesh.creation.icosphere(radius=0.4).export(ball)
+    session = Session(open_files(scene.photo, scene.model, scene.start))
+    session = after(session, add_object(load_model(ball)), pick_object(1), add_object())
+    session = after(session, set_unit("mm"))
+    for numbers in ((1, 1, 2), (1, 2, 2)):
+        with pytest.raises(PoseViewerError, match=f"have the number {numbers[1]} in BOP; give"):
+            export("bop", session, numbers=ConvertOptions(image="0", object_ids=numbers))
+    known = ConvertOptions(image="0", object_ids=(1, 2, 1))
+    ((_, data),) = export("bop", session, numbers=known).items()
+    (place,) = (own for own in ZipFile(BytesIO(data)).namelist() if "scene_gt.json" in own)
+    poses = json.loads(ZipFile(BytesIO(data)).read(place))
+    assert [pose["obj_id"] for pose in poses["0"]] == [1, 2, 1]
+
+
 def test_a_unit_that_is_said_on_the_page_is_in_what_is_saved(scene, tmp_path):
-    photo = shutil.copy(scene.photo, tmp_path)
+    photo = Path(shutil.copy(scene.photo, tmp_path))
     session = after(Session(open_files(photo, scene.model, scene.start)), set_unit("cm"))
     assert session.is_unsaved
     (pose, *_) = Autosaver(tmp_path).save(session)
@@ -152,7 +169,7 @@ def test_a_unit_that_is_said_on_the_page_is_in_what_is_saved(scene, tmp_path):
     path, *_ = Autosaver(tmp_path).save(two)
     objects = json.loads(path.read_text())["objects"]
     assert [item["model"]["unit"] for item in objects] == ["mm", "mm"]
-    assert unit_of_models(Session(open_scene(path))) == "mm"
+    assert unit_of_models(Session(open_sources(Sources(scene=path)))) == "mm"
 
 
 def test_maps_are_saved_once_they_are_fine_by_both_losses_on_one_grid(scene):

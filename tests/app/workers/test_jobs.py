@@ -7,16 +7,13 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from poseviewer.app.state.display_edits import set_fields
 from poseviewer.app.state.document import Document
-from poseviewer.app.state.pointer_edits import update
+from poseviewer.app.state.edits import set_fields, update
 from poseviewer.app.state.pose_edits import make_start, nudge
-from poseviewer.app.state.results import Landscape, LossReading
-from poseviewer.app.state.searches import SearchRequest
+from poseviewer.app.state.results import Landscape, LossReading, SearchRequest
 from poseviewer.app.state.session import Display, Session
 from poseviewer.app.workers.jobs import renderer_of, run_search
 from poseviewer.app.workers.maps import MapMaker, refine_maps, serves
-from poseviewer.app.workers.opening import open_files
 from poseviewer.app.workers.overlay import LossReader, OverlayDrawer, draw_fine_lines
 from poseviewer.errors import SettingsError
 from poseviewer.fit.problem import make_problem, pose_loss
@@ -27,7 +24,7 @@ from poseviewer.render.gpu.gpu_renderer import GpuRenderer
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.scene.settings import FitSettings, Limits
-from tests.app.state.documents import after, held
+from tests.app.state.documents import after, held, open_files
 from tests.app.state.sets import document_of
 from tests.renderers import require_gpu
 from tests.several import TRUTH

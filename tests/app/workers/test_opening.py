@@ -11,28 +11,22 @@ from poseviewer.app.state.document import Document, verdict_of
 from poseviewer.app.state.objects import add_object, alter_object
 from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.autosaving import Autosaver, make_autosave
 from poseviewer.app.workers.exporting import export
-from poseviewer.app.workers.opening import (
-    open_autosaved,
-    open_file_set,
-    open_files,
-    open_photo,
-    open_pose,
-)
+from poseviewer.app.workers.opening import open_autosaved, open_file_set, open_photo, open_pose
+from poseviewer.app.workers.saving import Autosaver, make_autosave
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import CalibrationFileError, PoseFileError
 from poseviewer.files.cameras import Calibration
-from poseviewer.files.file_set import FileSet, model_files, sort_set
 from poseviewer.files.photo import load_calibrated_photo, save_image
 from poseviewer.files.pose import save_pose
 from poseviewer.files.scene_assets import load_model
 from poseviewer.files.scene_json import as_saved, pose_json
-from poseviewer.files.state.autosave import load_autosave
+from poseviewer.files.state.session_file import load_autosave
 from poseviewer.geometry.lens import same_undistortion
+from poseviewer.opening.sources import Sources, model_files, sort_set
 from poseviewer.scene.types import SearchResult
 from tests.app.state.documents import after as edited
-from tests.app.state.documents import assert_same_pose
+from tests.app.state.documents import assert_same_pose, open_files
 from tests.scene import Scene
 from tests.several import make_three
 from tests.textured import write_obj
@@ -137,7 +131,7 @@ def test_another_photo_is_that_of_all_objects(scene: Scene, undistorted: Documen
 
 
 def test_a_camera_alone_is_for_the_photo_at_hand(plain: Document, calibration: Calibration) -> None:
-    opened = open_file_set(plain, FileSet(camera=calibration.path), [])
+    opened = open_file_set(plain, Sources(calibration=calibration), [])
     assert opened.photo.undistortion is not None
     assert opened.mesh is plain.mesh
     seen, before = (one.pose.project(plain.mesh.centre) for one in (opened, plain))
@@ -168,7 +162,7 @@ def test_photo_models_and_start_that_came_together_are_opened(scene: Scene) -> N
     assert opened.scene.notes[0] == "Not used: notes.txt."
     assert len(opened.scene.objects) == 1
     models = [scene.model] * 2
-    of_models = FileSet(models=tuple(model_files(model, []) for model in models))
+    of_models = Sources(models=tuple(model_files(model, []) for model in models))
     opened = open_file_set(before, of_models, models)
     assert [one.model.path for one in opened.scene.objects] == models
 
@@ -178,4 +172,4 @@ def test_files_outside_of_a_dropped_folder_are_refused(plain: Document, tmp_path
     data["views"][0]["photo"]["file"] = "../three.png"
     inner = write(tmp_path / "dropped" / "s.scene.json", data)
     with pytest.raises(PoseFileError, match="outside of the folder that was dropped"):
-        open_file_set(plain, FileSet(scene=inner), [], inside=inner.parent)
+        open_file_set(plain, Sources(scene=inner), [], inside=inner.parent)

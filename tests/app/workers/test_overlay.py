@@ -1,7 +1,6 @@
 """The model drawn over the photo, among others, and outlines in the strip of a set."""
 
 from contextlib import closing
-from threading import Event
 
 import cv2
 import numpy as np
@@ -58,16 +57,12 @@ def test_the_picture_that_is_sent_does_not_either():
 
 def drawn_in(session: Session) -> Outlines:
     """The objects in all photos, as the worker draws it."""
-    drawn = Event()
-    with closing(outlining(drawn.set)) as worker:
+    with closing(outlining()) as worker:
         worker.follow(session)
-        while drawn.wait(60.0):
-            drawn.clear()
-            for edit in worker.take():
-                drawn_session = edit(session)
-                assert drawn_session.results.outlines is not None
-                return drawn_session.results.outlines
-    raise AssertionError("nothing was drawn")
+        (edit,) = worker.mailbox.take(60.0)
+        outlines = edit(session).results.outlines
+        assert outlines is not None
+        return outlines
 
 
 def test_all_objects_are_drawn_in_all_photos():

@@ -10,15 +10,15 @@ import pytest
 
 from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import export
-from poseviewer.app.workers.opening import open_files, open_pose
+from poseviewer.app.workers.opening import open_pose
+from poseviewer.app.workers.saving import Autosaver
 from poseviewer.errors import PoseFileError
 from poseviewer.files.keypoints import is_equal, keypoints_path
 from poseviewer.files.pose import load_pose
-from poseviewer.files.state.uploads import keep_set, pack
+from poseviewer.opening.uploads import keep_set, pack
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
-from tests.app.state.documents import after, make_keypoints
+from tests.app.state.documents import after, make_keypoints, open_files
 from tests.scene import Scene, make_scene
 
 

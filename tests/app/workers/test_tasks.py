@@ -14,15 +14,14 @@ from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers import jobs
 from poseviewer.app.workers.maps import MapMaker
-from poseviewer.app.workers.opening import open_files
 from poseviewer.app.workers.tasks import QueuedTask, TaskQueue, TaskResult, upload
 from poseviewer.errors import FileSetError
 from poseviewer.files.demo import demo_case
-from poseviewer.files.state.uploads import pack
+from poseviewer.opening.uploads import pack
 from tests.app.below_viser.socket_page import SocketPage
 from tests.app.running_app import running_app
 from tests.app.state import edits as c
-from tests.app.state.documents import make_session
+from tests.app.state.documents import make_session, open_files
 from tests.scene import Scene
 
 PATIENCE_S = 60.0
@@ -31,8 +30,7 @@ PATIENCE_S = 60.0
 def test_a_task_that_is_dropped_brings_nothing(tmp_path: Path):
     begun = threading.Event()
     ended = threading.Event()
-    told = threading.Event()
-    tasks, session = TaskQueue(told.set, tmp_path), make_session()
+    tasks, session = TaskQueue(tmp_path), make_session()
 
     def slow(*_: object) -> TaskResult:
         begun.set()
@@ -51,16 +49,14 @@ def test_a_task_that_is_dropped_brings_nothing(tmp_path: Path):
     tasks.follow(session)
     results: list[TaskResult] = []
     while not results:
-        assert told.wait(PATIENCE_S)
-        told.clear()
-        results = [*tasks.take()]
+        results = tasks.mailbox.take(PATIENCE_S)
     assert [result.edits for result in results] == [(c.redo(),)]
     tasks.close()
 
 
 def test_uploads_that_wait_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("poseviewer.app.workers.tasks.MAX_UPLOAD_BYTES", 100)
-    tasks = TaskQueue(lambda: None, tmp_path)
+    tasks = TaskQueue(tmp_path)
     tasks.add(upload("photo", "large.png", bytes(150)))  # one alone is bounded before
     with pytest.raises(FileSetError, match="uploads are still being read"):
         tasks.add(upload("photo", "small.png", bytes(10)))

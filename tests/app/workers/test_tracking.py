@@ -6,24 +6,24 @@ from pathlib import Path
 
 import pytest
 
-from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.frame_edits import edit_frames, step_frame
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import OF_FRAMES, export
-from poseviewer.app.workers.opening import open_files, open_scene
+from poseviewer.app.workers.opening import open_sources
+from poseviewer.app.workers.saving import Autosaver
 from poseviewer.app.workers.tracking import frame_reading, track_edits
-from poseviewer.app.workers.worker import Mailbox, Worker
+from poseviewer.app.workers.worker import Worker
 from poseviewer.errors import PhotoFileError
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.sequence_export import SEQUENCE_FORMATS
 from poseviewer.files.image_sequence import load_sequence
 from poseviewer.geometry.pose_error import pose_error
+from poseviewer.opening.sources import Sources
 from poseviewer.scene.assets import PhotoFile
 from poseviewer.scene.sequence import key_indices, with_frames
 from tests.app.sequences import COUNT, MESH, make_sequence, true_pose, write_sequence
-from tests.app.state.documents import after, assert_same_pose
+from tests.app.state.documents import after, assert_same_pose, open_files
 
 
 def keyed() -> Session:
@@ -34,11 +34,11 @@ def keyed() -> Session:
 
 def finish(worker: Worker, session: Session, until: Callable[[Session], bool]) -> Session:
     """The session once the worker has made it so."""
-    mailbox: Mailbox[Edit] = Mailbox()
     while not until(session):
         worker.follow(session)
-        mailbox.take(0.01)
-        for edit in worker.take():
+        for edit in worker.mailbox.take(60.0):
+            if isinstance(edit, Exception):
+                raise edit
             session = after(session, edit)
     return session
 
@@ -58,7 +58,7 @@ def test_poses_are_propagated_one_after_the_other():
 
 
 def test_frames_are_read_away_from_the_main_loop():
-    worker = frame_reading(lambda: None)
+    worker = frame_reading()
     try:
         session = after(keyed(), step_frame(2))
         session = finish(worker, session, lambda now: now.wanted_frame is None)
@@ -77,7 +77,7 @@ def test_a_frame_that_is_gone_is_said_and_the_shown_one_stays():
     def read():
         raise PhotoFileError("0001.png: is gone.")
 
-    session, worker = keyed(), frame_reading(lambda: None)
+    session, worker = keyed(), frame_reading()
     scene = session.document.scene
     gone = PhotoFile(None, "0001.png", *scene.views[0].photo.pixels.shape[1::-1], read=read)
     frames = (scene.frames[0], replace(scene.frames[1], file=gone), *scene.frames[2:])
@@ -121,7 +121,7 @@ def test_a_sequence_is_saved_beside_its_folder_and_opened_again(opened: Session,
     document = opened.document
     other = document.at_frame(0, document.scene.frames[0].file)
     assert saver.file_to_replace(other) is None
-    again = open_scene(path)
+    again = open_sources(Sources(scene=path))
     assert again.scene.frame_index == 1
     assert key_indices(again.scene, "1") == [0, 1]
     assert_same_pose(again.pose, true_pose(1), 1e-6)

@@ -11,17 +11,18 @@ from poseviewer.app.state.hiding import Stroke, paint
 from poseviewer.app.state.objects import add_object, compare_view, pick_object, show_view
 from poseviewer.app.state.results import LossReading, Results
 from poseviewer.app.state.session import Session
-from poseviewer.app.workers.autosaving import Autosaver
 from poseviewer.app.workers.exporting import pose_file_view, scene_to_save
 from poseviewer.app.workers.jobs import run_search
 from poseviewer.app.workers.maps import MapMaker
-from poseviewer.app.workers.opening import open_autosaved, open_pose, open_scene, open_set
+from poseviewer.app.workers.opening import open_autosaved, open_pose, open_sources
 from poseviewer.app.workers.overlay import LossReader
+from poseviewer.app.workers.saving import Autosaver
 from poseviewer.errors import SettingsError
 from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene_json import as_saved, pose_json
-from poseviewer.files.state.autosave import load_autosave
+from poseviewer.files.state.session_file import load_autosave
 from poseviewer.geometry.pose_error import pose_error
+from poseviewer.opening.sources import Sources
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from tests.app.state import edits as c
 from tests.app.state.documents import after, asked_of, assert_same_pose, held
@@ -37,7 +38,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
 
 @pytest.fixture
 def session(files: tuple[Path, Path, Path]) -> Session:
-    document = open_set(*files)
+    document = open_sources(Sources(views=files[0], model=files[1], start=files[2]))
     return Session(document, anchor=document.scene, saved=document)
 
 
@@ -112,7 +113,7 @@ def test_a_pose_file_opens_in_its_photo_of_the_set(session: Session, files):
 
 
 def test_a_set_opens_without_a_pose_and_waits_for_a_press(files):
-    document = open_set(files[0], files[1], None)
+    document = open_sources(Sources(views=files[0], model=files[1]))
     assert not document.object.is_placed
     placed = after(Session(document), c.press(100.0, 80.0), c.release())
     assert placed.document.object.is_placed
@@ -140,7 +141,10 @@ def test_objects_in_several_photos_come_back_from_scene_and_session(
     (kept,) = (tmp_path / "sessions").iterdir()
     restored, scene = open_autosaved(load_autosave(kept)), changed.document.scene
     assert (restored.view_index, restored.active) == (1, 0)
-    for again, tolerance in ((open_scene(path).scene, 1e-6), (restored.scene, 0.0)):
+    for again, tolerance in (
+        (open_sources(Sources(scene=path)).scene, 1e-6),
+        (restored.scene, 0.0),
+    ):
         assert [view.name for view in again.views] == list(NAMES)
         for index, view in product(range(2), range(3)):
             assert_same_pose(again.pose(index, view), scene.pose(index, view), tolerance)

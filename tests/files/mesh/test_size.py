@@ -7,7 +7,8 @@ from poseviewer.files.mesh.size import distance_notes, size_words
 from poseviewer.files.pose import load_pose, save_pose
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.starts.loading import open_photo_scene
+from poseviewer.opening.scenes import open_scene
+from poseviewer.opening.sources import Sources
 from tests.meshes import make_bumpy
 
 BALL = make_bumpy(2)
@@ -44,5 +45,5 @@ def test_the_note_comes_with_a_start_in_metres_for_a_model_in_millimetres(scene,
     path = tmp_path / "start.json"
     save_pose(path, record.with_pose(replace(record.pose, camera_from_model=place)))
     for start, is_noted in ((path, True), (scene.start, False)):
-        notes = open_photo_scene(scene.photo, scene.model, start).notes
+        notes = open_scene(Sources(scene.photo, model=scene.model, start=start)).notes
         assert any("in one unit" in note for note in notes) == is_noted

@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.placing import surface_hit
 from poseviewer.render.overlay.contour import is_within_outline
 from poseviewer.scene.types import Scene
-from poseviewer.starts.placing import surface_hit
 
 OUTLINE_PX = 1.0
 """Distance beside an object's convex outline where its triangles are still tried: rounding."""

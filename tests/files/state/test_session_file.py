@@ -19,8 +19,14 @@ from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.errors import AutosaveError
 from poseviewer.files.scene_assets import frame_file, model_file, view_of_file
 from poseviewer.files.scene_json import form_of
-from poseviewer.files.state import autosave
-from poseviewer.files.state.autosave import AutosavedSession, SessionFile, discard, load_autosave
+from poseviewer.files.state.session_file import (
+    AutosavedSession,
+    SessionFile,
+    discard,
+    files_of_sessions,
+    find_abandoned,
+    load_autosave,
+)
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.scene.sequence import show_frame, store_key, with_frames
@@ -58,7 +64,7 @@ def as_json(kept: AutosavedSession) -> Any:
 
 def require_left(folder: Path) -> tuple[Path, Any]:
     """The newest file that was left behind, and what it says."""
-    path, kept = autosave.find_abandoned(folder) or pytest.fail("none was left behind")
+    path, kept = find_abandoned(folder) or pytest.fail("none was left behind")
     return path, as_json(kept)
 
 
@@ -77,13 +83,13 @@ def test_sessions_come_back_to_the_last_digit(tmp_path: Path) -> None:
     assert again.scene.objects[0].start_cameras[0].width == CAMERA.width
     assert (whole.photo_name, whole.model_name) == ("three.png", "front.ply")
     models = {Path(f"/photos/three/{name}.ply") for name in IDS}
-    assert autosave.files_of_sessions(tmp_path) == {Path(ODD), *models}
+    assert files_of_sessions(tmp_path) == {Path(ODD), *models}
 
 
 CHILD = """
 import sys
 from pathlib import Path
-from poseviewer.files.state.autosave import SessionFile, load_autosave
+from poseviewer.files.state.session_file import SessionFile, load_autosave
 file = SessionFile(Path(sys.argv[1]))
 file.save(load_autosave(Path(sys.argv[2])))
 print(file.path, flush=True)
@@ -99,14 +105,14 @@ def test_a_killed_process_leaves_its_session_behind(tmp_path: Path) -> None:
     with subprocess.Popen(line, stdin=pipe, stdout=pipe, text=True) as child:
         path = Path(child.stdout.readline().strip())
         assert path.is_file()
-        assert autosave.find_abandoned(folder) is None
+        assert find_abandoned(folder) is None
         child.kill()
         child.wait(60)
     assert require_left(folder) == (path, as_json(session()))
     discard(path)
     discard(path)
     assert list(folder.iterdir()) == []
-    assert autosave.find_abandoned(folder) is autosave.find_abandoned(tmp_path / "nothing") is None
+    assert find_abandoned(folder) is find_abandoned(tmp_path / "nothing") is None
 
 
 def test_the_newest_is_the_one_left_behind(tmp_path: Path) -> None:
@@ -122,7 +128,7 @@ def test_a_session_is_saved_though_its_folder_was_removed(tmp_path: Path) -> Non
     file.save(session())
     shutil.rmtree(tmp_path)
     file.save(session(active_object="2"))
-    assert autosave.find_abandoned(tmp_path) is None
+    assert find_abandoned(tmp_path) is None
     file.close()
     assert require_left(tmp_path) == (file.path, as_json(session(active_object="2")))
 
@@ -151,7 +157,7 @@ def test_frames_that_change_are_added_alone(tmp_path: Path) -> None:
     assert whole < log.stat().st_size < 1.02 * whole
     assert file.path.stat().st_size < 20_000
     assert as_json(load_autosave(file.path)) == as_json(kept)
-    assert Path("/photos/f1999.jpg") in autosave.files_of_sessions(tmp_path)
+    assert Path("/photos/f1999.jpg") in files_of_sessions(tmp_path)
     file.save(session())
     assert not log.exists()
     file.save(sequence(3))
@@ -174,7 +180,7 @@ def test_a_session_is_removed_with_no_file_that_it_names(tmp_path: Path) -> None
     scene = replace(kept.scene, objects=(item,), frames=tuple(frames))
     path = saved(tmp_path / "sessions", replace(kept, scene=scene))
     os.utime(path, (0.0, 0.0))
-    assert autosave.find_abandoned(path.parent) is None
+    assert find_abandoned(path.parent) is None
     assert list(path.parent.iterdir()) == []
     assert [name.read_bytes() for name in names] == [b"mine"] * 3
 
@@ -222,7 +228,7 @@ def test_what_is_no_session_is_left_out(tmp_path: Path, data: bytes) -> None:
     bad = tmp_path / "session-1.json"
     bad.write_bytes(data)
     (tmp_path / "session-2.json").mkdir()
-    assert autosave.find_abandoned(tmp_path) is None
+    assert find_abandoned(tmp_path) is None
     with pytest.raises(AutosaveError, match=r"^session-1"):
         load_autosave(bad)
 

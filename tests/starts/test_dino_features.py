@@ -10,7 +10,7 @@ from scipy.signal import correlate
 from scipy.special import erf, softmax
 
 from poseviewer.errors import SettingsError
-from poseviewer.starts.patch_features import PatchEncoder
+from poseviewer.starts.dino_features import PatchEncoder
 from tests.starts.backbone import D, save_random_backbone, trained_backbone
 
 

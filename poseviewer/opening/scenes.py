@@ -1,125 +1,83 @@
 """Scenes from files, with a start that a file gives or that is found."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import astuple, dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple, replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from poseviewer.errors import CalibrationFileError, PoseFileError, SettingsError, list_names
-from poseviewer.files.cameras import Calibration
-from poseviewer.files.formats.conversion import METRES
-from poseviewer.files.image_sequence import ImageSequence, load_sequence
+from poseviewer.files.image_sequence import load_sequence
 from poseviewer.files.masks import load_mask, masks_beside
-from poseviewer.files.mesh.size import distance_notes
+from poseviewer.files.mesh.size import METRES, distance_notes
 from poseviewer.files.photo import load_calibrated_photo, undistort_photo
-from poseviewer.files.photo_sets import LoadedViews, SetChoice, load_views, with_names
 from poseviewer.files.pose import PoseRecord, check_against, load_pose
 from poseviewer.files.scene_assets import frame_file, load_model, open_view
 from poseviewer.files.scene_json import load_scene
 from poseviewer.files.structs import CameraNumbers, Distortion, ModelReference
-from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
+from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import same_undistortion
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.world_pose import triangulate_scale
+from poseviewer.opening.photo_sets import LoadedViews, SetChoice, load_views, with_names
+from poseviewer.opening.sources import Sources
 from poseviewer.scene.assets import ModelFile, PhotoFile
 from poseviewer.scene.sequence import show_frame, store_key, with_frames
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import Frame, InView, Scene, SceneObject, View, scene_at
-from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
+from poseviewer.starts.sides import look_from
+from poseviewer.starts.start import Start, StartInputs
 
+CORNER = "three-quarter"
+"""Side from which a model without a start is seen."""
 MIN_DIFFERENCE = 1e-3
 """Relative difference of two cameras from which a note tells of it."""
 
 
-@dataclass(frozen=True, slots=True)
-class StartCamera:
-    """Knowledge of the camera where no pose file says it."""
+def open_scene(sources: Sources) -> Scene:
+    """Open the scene of a photo, of frames, of several photos, or of a scene file.
 
-    parallel: bool = False
-    focal_px: float | None = None
-    """None: EXIF's; without that, the pairs' where they tell it, else a view of 50 degrees."""
-    free_focal: bool = False
-    """Find it from the pairs even where it is known."""
-
-    def of(self, photo: Photo) -> Camera:
-        """Return the camera, whose principal point is the photo's middle."""
-        camera = photo.default_camera()
-        if self.parallel:
-            return Parallel(1.0, camera.cx, camera.cy, camera.width, camera.height)
-        if self.focal_px is not None:
-            camera = replace(camera, fx=self.focal_px, fy=self.focal_px)
-        return camera
-
-    def knows_focal(self, photo: Photo) -> bool:
-        """Tell whether a focal length was given, or stands in the photo."""
-        return self.focal_px is not None or photo.focal_length_35mm is not None
-
-
-class Start(NamedTuple):
-    """A start pose, and what is to be said about it."""
-
-    pose: Pose
-    notes: tuple[str, ...]
-    others: tuple["Start", ...] = ()
-    """Starts of further instances of the model."""
-    doubt: str = ""
-    """Sentence why the pose may be far off, so that no verdict is ``found``."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StartInputs:
-    """Photo and model that a start is found for."""
-
-    photo: Photo
-    mesh: Mesh
-    keypoints: VehicleKeypoints | None
-    mask: Mask | None = None
-    """Weight of each pixel of the photo; None: all count."""
-    settings: FitSettings = field(default_factory=FitSettings)
-
-    def scene(self, start: Pose, settings: FitSettings) -> Scene:
-        """Make the scene of a start pose, without the names of files."""
-        view = View(PhotoFile.of(self.photo), start.camera, mask=self.mask)
-        model = ModelFile.of(self.mesh.whole, keypoints=self.keypoints)
-        return scene_at(view, model, start, settings=settings, without=self.mesh.left_out)
-
-
-FindStart = Callable[[StartInputs], Start]
-
-
-def open_photo_scene(
-    photo: str | Path | Photo, model: str | Path | ModelFile, start: str | Path | Pose | FindStart,
-    settings: FitSettings | None = None, calibration: Calibration | str | Path | None = None,
-    mask: str | Path | Mask | None = None,
-) -> Scene:  # fmt: skip
-    """Open the scene of a model in a photo, undistorted where there is a lens.
-
-    Args:
-        photo: file, or loaded photo.
-        model: file, or loaded model; without the parts that settings or pose file leave out.
-        start: pose file, pose, or what finds one on the photo, or those of several instances.
-        settings: those of the object.
-        calibration: camera and lens of the photo: a file, or a choice among its cameras.
-        mask: weight of each pixel, or its picture; default: that of the pose file, with what was
-            found in front.
+    Photos are undistorted where there is a lens. A sequence shows the frame of the start, and a
+    given pose is a key there. A model without a start is seen from a corner, still to be placed.
 
     Raises:
-        PoseViewerError: a file cannot be used; no start is found, or one for another size.
+        PoseViewerError: a file cannot be used, or not with the others; no start is found, or one
+            for another size; nothing tells which photo of a set it is in, or the set's scale; the
+            scene has no objects, or not such an object or part; the models are in different units;
+            there is no such frame, or no mask that could hold for all.
     """
-    settings = settings or FitSettings()
+    if sources.scene is not None:
+        return _open_saved(sources, sources.scene)
+    if sources.views is not None:
+        return _open_views(sources, sources.views)
+    if sources.frames:
+        return _open_frames(sources)
+    return _open_photo(sources)
+
+
+def _refuse(what: str, **given: object) -> None:
+    if names := [f"{name}=" for name, value in given.items() if value is not None]:
+        raise SettingsError(f"{names[0]} with {what}; leave it out.")
+
+
+def _model_of(sources: Sources) -> ModelFile:
+    model = sources.models[0].path if sources.model is None else sources.model
+    return model if isinstance(model, ModelFile) else load_model(model)
+
+
+def _open_photo(sources: Sources) -> Scene:
+    photo, start, mask = sources.photo, sources.start, sources.mask
+    assert photo is not None
+    settings = sources.settings or FitSettings()
     is_loaded = isinstance(photo, Photo)
-    if isinstance(calibration, str | Path):
-        calibration = Calibration(Path(calibration))
-    opened = photo if is_loaded else load_calibrated_photo(photo, calibration)
-    model = model if isinstance(model, ModelFile) else load_model(model)
+    opened = photo if is_loaded else load_calibrated_photo(photo, sources.calibration)
+    model = _model_of(sources)
     without, note = tuple(settings.without or ()), ""
     notes, others = tuple[str, ...](), tuple[Start, ...]()
     doubt, occluders = "", None
-    if isinstance(start, str | Path):
+    if isinstance(start, Path):
         record = load_pose(start, opened.width, opened.height)
         opened, record, of_camera = _match_start(opened, record)
         checks = check_against(record.photo, opened.sha256)
@@ -135,56 +93,36 @@ def open_photo_scene(
         start, note = record.pose, record.note
         notes += distance_notes(model.content.mesh_without(without), start)
     if mask is not None and not isinstance(mask, Mask):
-        settings = replace(settings, mask=Path(mask).name)
+        settings = replace(settings, mask=mask.name)
         mask = load_mask(mask, (opened.width, opened.height))
     if not isinstance(start, Pose):
         mesh = model.content.mesh_without(without)
-        inputs = StartInputs(opened, mesh, model.keypoints, mask, settings)
-        start, notes, others, doubt = start(inputs)
+        if start is None:
+            start = look_from(CORNER, mesh, model.keypoints, opened.default_camera())
+        else:
+            inputs = StartInputs(opened, mesh, model.keypoints, mask, settings)
+            start, notes, others, doubt = start(inputs)
     camera = start.camera
     if (camera.width, camera.height) != (opened.width, opened.height):
         found = f"{camera.width}x{camera.height} px, and {opened.name} has {opened.width}x"
         wanted = "use pose.rescale, if it is the same photo made smaller or larger"
         raise SettingsError(f"a start for photos of {found}{opened.height}; {wanted}.")
-    file = PhotoFile.of(opened, None if is_loaded else Path(photo))
+    file = PhotoFile.of(opened, None if is_loaded else photo)
     left_out = model.content.mesh_without(without).left_out
     in_views = (InView(occluders=occluders),) if occluders else ()
     fields = {"without": left_out, "note": note, "doubt": doubt, "in_views": in_views}
+    fields["is_placed"] = sources.start is not None
     scene = scene_at(View(file, camera, mask=mask), model, start, settings=settings, **fields)
     notes = (*notes_of(opened), *notes_of(model), *notes)
-    return with_instances(replace(scene, name=opened.name, notes=notes), others)
+    return _with_instances(replace(scene, name=opened.name, notes=notes), others)
 
 
-def open_sequence(
-    frames: str | Path | Sequence[Path] | ImageSequence, model: str | Path | ModelFile,
-    start: str | Path | Pose | FindStart, every: int = 1, settings: FitSettings | None = None,
-    calibration: Calibration | str | Path | None = None, mask: str | Path | Mask | None = None,
-    key: int = 0, mask_all_frames: bool = False,
-) -> Scene:  # fmt: skip
-    """Open the scene of a model in the frames of a sequence, which shows the one of the start.
-
-    Args:
-        frames: folder of images, their files, or a video; or what ``load_sequence`` made of them.
-        model: file, or loaded model.
-        start: in the frame ``key``, as of ``open_photo_scene``; a given pose is a key there.
-        every: take the first frame, and every N-th after it.
-        settings: those of the object.
-        calibration: camera and lens of all frames.
-        mask: weight of each pixel in the frame ``key``, or its picture; default: the pose file's.
-        key: index of the frame that the start and the mask are of.
-        mask_all_frames: whether the mask holds for all frames; what a search found in front, as the
-            pose file says it, belongs to the frame ``key`` in any case.
-
-    Raises:
-        SettingsError: there is no such frame, or no mask that could hold for all.
-        PoseViewerError: as of ``load_sequence`` and ``open_photo_scene``.
-    """
-    sequence = frames if isinstance(frames, ImageSequence) else load_sequence(frames, every)
-    is_given = isinstance(start, str | Path | Pose)
+def _open_frames(sources: Sources) -> Scene:
+    sequence, key = load_sequence(sources.frames), sources.key
     if not 0 <= key < len(sequence.paths):
         found = f"`key={key + 1}`: {sequence.name} has {len(sequence.paths)} frames"
         raise SettingsError(f"{found}; name one of them.")
-    scene = open_photo_scene(sequence.paths[key], model, start, settings, calibration, mask)
+    scene = _open_photo(replace(sources, photo=sequence.paths[key]))
     view, found = scene.views[0], scene.earlier_occluders(0)
     named = zip(sequence.paths, sequence.sha256s, strict=True)
     files = [frame_file(path, view, sha256) for path, sha256 in named]
@@ -192,9 +130,9 @@ def open_sequence(
     times = zip(files, sequence.times_s, strict=True)
     shots = [Frame(file=file, time_s=time) for file, time in times]
     notes = (*scene.notes, *sequence.notes)
-    if mask_all_frames and view.mask is None:
+    if sources.mask_all_frames and view.mask is None:
         raise SettingsError("`mask_all_frames` without a mask; leave it out, or name the mask.")
-    if view.mask is not None and not mask_all_frames:
+    if view.mask is not None and not sources.mask_all_frames:
         shots[key] = replace(shots[key], mask=view.mask)
         view = replace(view, mask=None)
         notes += (f"The mask hides pixels of {view.name} alone, not those of all frames.",)
@@ -202,10 +140,10 @@ def open_sequence(
         shots[key] = replace(shots[key], occluders={scene.objects[0].id: found[0]})
     scene = replace(scene.with_object(0, in_views=()), views=(view,), name=sequence.name)
     scene = show_frame(with_frames(replace(scene, notes=notes), shots), key)
-    return store_key(scene, 0) if is_given else scene
+    return store_key(scene, 0) if isinstance(sources.start, Path | Pose) else scene
 
 
-def with_instances(scene: Scene, others: Sequence[Start]) -> Scene:
+def _with_instances(scene: Scene, others: Sequence[Start]) -> Scene:
     """Add further instances of the only object: ``bottle`` is beside ``bottle 2``."""
     if not others:
         return scene
@@ -248,19 +186,14 @@ def _numbers(camera: Perspective) -> str:
     return f"fx {said.fx:.1f}, fy {said.fy:.1f}, cx {said.cx:.1f}, cy {said.cy:.1f} px"
 
 
-def open_scene_files(scene: str | Path | Scene, settings: FitSettings | None = None) -> Scene:
-    """Read the photos and models of a scene, or of a scene file.
-
-    Args:
-        scene: a scene file, or a scene whose photos and models are not yet read.
-        settings: those of all objects, in place of the scene's. Parts ``without``, each as
-            ``ID:PART``, are left out beside the scene's own, and the results of searches with them.
-
-    Raises:
-        PoseViewerError: a file cannot be used, or not with the others; the scene has no objects, or
-            not such an object or part; the models are in different units.
+def _open_saved(sources: Sources, scene: Path | Scene) -> Scene:
+    """Read the photos and models of a scene; parts that the settings leave out are left out beside
+    its own, and the results of searches with them.
     """
-    scene = scene if isinstance(scene, Scene) else load_scene(scene)
+    given = {"choice": sources.choice, "calibration": sources.calibration, "mask": sources.mask}
+    _refuse("a scene file", **given)
+    scene = scene if isinstance(scene, Scene) else load_scene(scene, sources.inside)
+    settings = sources.settings
     if settings is not None and settings.has_free_camera:
         found = "a free focal length or principal point with objects that share one camera"
         raise SettingsError(f"{found}; leave it out, and find it with one of them alone.")
@@ -295,30 +228,18 @@ def open_scene_files(scene: str | Path | Scene, settings: FitSettings | None = N
     return replace(scene, views=with_names(views), objects=tuple(objects), notes=told)
 
 
-def open_views(
-    views: str | Path | LoadedViews, model: str | Path | ModelFile, start: str | Path | Pose,
-    settings: FitSettings | None = None, view: str | None = None, scale: float | None = None,
-    choice: SetChoice | None = None,
-) -> Scene:  # fmt: skip
-    """Open the scene of a model in several views.
-
-    Args:
-        views: file or folder of the set, or its views.
-        model: file, or loaded model.
-        start: pose in one of the photos, or its file.
-        settings: those of the object.
-        view: name of that photo, which comes first; default: the pose file's.
-        scale: lengths of the model's unit in one of the world's.
-        choice: what the set's file leaves open.
-
-    Raises:
-        PoseViewerError: the pose cannot be used with these photos; nothing tells in which it is, or
-            the scale.
-    """
-    settings = settings or FitSettings()
+def _open_views(sources: Sources, views: Path | LoadedViews) -> Scene:
+    _refuse("a set of photos", calibration=sources.calibration, mask=sources.mask)
+    start = sources.start
+    if callable(start):
+        raise SettingsError("a start that is searched for with a set of photos; name a pose.")
+    settings, choice = sources.settings or FitSettings(), sources.choice or SetChoice()
     loaded = views if isinstance(views, LoadedViews) else load_views(views, choice)
-    own = model if isinstance(model, ModelFile) else load_model(model)
+    own, view = _model_of(sources), choice.view
     mesh = own.content.mesh_without(tuple(settings.without or ()))
+    if start is None:
+        view, camera = loaded.views[0].name, loaded.views[0].camera
+        start = look_from(CORNER, mesh, own.keypoints, camera)
     record = PoseRecord.of(start) if isinstance(start, Pose) else load_pose(start)
     first, notes = _view_of(loaded, record, view), ()
     photo = loaded.views[first].photo
@@ -334,7 +255,7 @@ def open_views(
         wanted = "give the set that lens, or start from a pose by the set's camera"
         raise SettingsError(f"{photo.name}: {found}; {wanted}.")
     _, record, of_camera = _match_start(photo, record)
-    known = scale or known_scale(loaded, mesh)
+    known = choice.scale or known_scale(loaded, mesh)
     scale = known or scale_by_rays(loaded.views, first, mesh, record.pose, loaded.name)
     order = (first, *(i for i in range(len(loaded.views)) if i != first))
     ordered = tuple(loaded.views[i] for i in order)
@@ -343,7 +264,7 @@ def open_views(
     notes = tuple(dict.fromkeys([*of_files, *notes, *of_camera]))
     item = SceneObject(
         id="1", model=own, world_from_model=place, settings=settings, without=mesh.left_out,
-        note=record.note,
+        note=record.note, is_placed=sources.start is not None,
     )  # fmt: skip
     return Scene(
         views=ordered, objects=(item,), name=loaded.name, unit=loaded.unit,

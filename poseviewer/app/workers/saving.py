@@ -9,9 +9,8 @@ from itertools import count
 from pathlib import Path
 from typing import Literal, TypeVar
 
-from poseviewer.app.state.display_edits import report_error
 from poseviewer.app.state.document import Document, is_alone
-from poseviewer.app.state.edits import Edit
+from poseviewer.app.state.edits import Edit, report_error
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import pose_file_view, scene_to_save, stem_of
 from poseviewer.app.workers.worker import Worker
@@ -20,13 +19,13 @@ from poseviewer.files.demo import PLACES
 from poseviewer.files.keypoints import is_equal, keypoints_path, load_keypoints, save_keypoints
 from poseviewer.files.masks import mask_paths, save_pose_and_masks
 from poseviewer.files.scene_json import as_saved, pose_json, save_scene
-from poseviewer.files.state.autosave import (
+from poseviewer.files.state.session_file import (
     AutosavedSession,
     SessionFile,
     discard,
     find_abandoned,
 )
-from poseviewer.files.state.uploads import copy_out
+from poseviewer.opening.uploads import copy_out
 from poseviewer.scene.assets import ModelFile, PhotoFile
 
 PERIOD_S = 0.5

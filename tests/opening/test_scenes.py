@@ -12,12 +12,15 @@ from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_json import as_saved, load_scene, pose_json, save_scene
+from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.symmetry_group import Symmetry, SymmetryAxis
+from poseviewer.opening.photo_sets import LoadedViews, SetChoice
+from poseviewer.opening.scenes import open_scene
+from poseviewer.opening.sources import Sources
 from poseviewer.scene.settings import FitSettings, Limits
-from poseviewer.scene.types import ChartParameters, InView, SearchResult
-from poseviewer.starts.loading import open_photo_scene, open_scene_files, open_views
+from poseviewer.scene.types import ChartParameters, InView, Scene, SearchResult
 from tests.several import IDS, make_three
 from tests.view_sets import DISTANCE, NAMES, TRUTH, make_views, write_views
 from tests.writing import edit
@@ -26,6 +29,15 @@ from tests.writing import edit
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     return make_three(tmp_path)
+
+
+def open_saved(path: Path) -> Scene:
+    return open_scene(Sources(scene=path))
+
+
+def open_views(views: Path | LoadedViews, model: Path, start: Path | Pose, **choice) -> Scene:
+    made = SetChoice(**choice)
+    return open_scene(Sources(views=views, model=model, start=start, choice=made))
 
 
 def searched(scene, index: int = 0):
@@ -64,9 +76,9 @@ def searched(scene, index: int = 0):
 
 
 def test_what_is_saved_of_a_scene_is_opened_again(path, tmp_path):
-    scene = searched(open_scene_files(path))
+    scene = searched(open_saved(path))
     save_scene(tmp_path / "again.json", as_saved(scene))
-    again = open_scene_files(tmp_path / "again.json")
+    again = open_saved(tmp_path / "again.json")
     one, before = again.objects[0], scene.objects[0]
     assert [own.id for own in again.objects] == list(IDS)
     assert np.array_equal(
@@ -93,17 +105,17 @@ def test_what_is_saved_of_a_scene_is_opened_again(path, tmp_path):
 
 
 def test_a_model_that_has_lost_a_part_has_no_result(path):
-    scene = open_scene_files(as_saved(searched(open_scene_files(path))))
+    scene = open_scene(Sources(scene=as_saved(searched(open_saved(path)))))
     assert scene.objects[0].result is not None
     with pytest.raises(PoseViewerError, match="no part 'mirror'"):
-        open_scene_files(path, FitSettings(without=("ball:mirror",)))
+        open_scene(Sources(scene=path, settings=FitSettings(without=("ball:mirror",))))
     with pytest.raises(PoseViewerError, match="say of which object, as ID:PART"):
-        open_scene_files(path, FitSettings(without=("mirror",)))
+        open_scene(Sources(scene=path, settings=FitSettings(without=("mirror",))))
 
 
 def test_equal_poses_are_saved_as_one(path):
     symmetry = Symmetry.from_axes([0.0, 0.0, 0.1], [SymmetryAxis(np.array([0.0, 0.0, 1.0]), 2)])
-    scene = open_scene_files(path)
+    scene = open_saved(path)
     scene = scene.with_object(0, model=scene.objects[0].model.with_content(symmetry=symmetry))
     turned = [
         searched(scene.with_pose(0, replace(pose, camera_from_model=pose.camera_from_model @ turn)))
@@ -156,7 +168,7 @@ def test_a_set_that_was_fitted_is_opened_again(tmp_path):
     views, model, start = write_views(tmp_path)
     scene = open_views(views, model, start, scale=2.0)
     save_scene(tmp_path / "found.scene.json", as_saved(scene))
-    again = open_scene_files(tmp_path / "found.scene.json")
+    again = open_saved(tmp_path / "found.scene.json")
     assert again.objects[0].world_from_model.scale == 0.5
     for view in range(3):
         a, b = (one.pose(0, view).camera_from_model for one in (scene, again))
@@ -172,4 +184,4 @@ def test_a_start_for_another_size_is_said(tmp_path):
     with pytest.raises(
         PoseViewerError, match=r"a start for photos of 640x480 px, .* pose\.rescale"
     ):
-        open_photo_scene(tmp_path / "three.png", tmp_path / "ball.ply", pose)
+        open_scene(Sources(tmp_path / "three.png", model=tmp_path / "ball.ply", start=pose))

@@ -8,8 +8,8 @@ import pytest
 from PIL import Image
 
 from poseviewer.errors import PoseFileError, PoseViewerError
-from poseviewer.files.file_set import is_scene_file
-from poseviewer.files.photo_sets import SetChoice, load_views
+from poseviewer.opening.photo_sets import SetChoice, load_views
+from poseviewer.opening.sources import is_scene_file
 from tests import view_sets
 from tests.view_sets import CAMERA, CAMERAS_FROM_SET, NAMES, write_colmap, write_frames
 from tests.writing import edit

@@ -15,19 +15,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from poseviewer.errors import FileSetError
-from poseviewer.files.file_set import MAX_FILES, files_below
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.scene_assets import model_file, view_of_file
-from poseviewer.files.state import uploads as u
-from poseviewer.files.state.uploads import (
+from poseviewer.files.writing import safe_path
+from poseviewer.opening import uploads as u
+from poseviewer.opening.sources import MAX_FILES, files_below
+from poseviewer.opening.uploads import (
     copy_out,
     display_name,
     keep_set,
     keep_zip,
     pack,
-    safe_path,
 )
-from tests.files.state.test_autosave import saved, session
+from tests.files.state.test_session_file import saved, session
 
 TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 ODD_NAMES = (
@@ -125,12 +125,12 @@ def test_nothing_of_a_zip_is_written_outside_or_followed(tmp_path: Path) -> None
 
 
 def test_zips_that_unpack_to_too_much_are_refused(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr("poseviewer.files.state.uploads.MAX_UNPACKED_BYTES", 10_000)
+    monkeypatch.setattr("poseviewer.opening.uploads.MAX_UNPACKED_BYTES", 10_000)
     half = 6000 * b"\0"
     for zips in ({"b.zip": {"a": half, "b": half}}, {"a.zip": {"a": half}, "b.zip": {"a": half}}):
         with pytest.raises(FileSetError, match=r"^b\.zip: unpacks to more than 10,000 bytes or"):
             keep(tmp_path, {name: zipped(files) for name, files in zips.items()})
-    monkeypatch.setattr("poseviewer.files.state.uploads.MAX_FILES", 5)
+    monkeypatch.setattr("poseviewer.opening.uploads.MAX_FILES", 5)
     with pytest.raises(FileSetError, match=r"^b\.zip: unpacks to more than .* or 5 files"):
         keep(tmp_path, {"b.zip": zipped({f"{i}": b"" for i in range(6)})})
     assert list(tmp_path.iterdir()) == []
@@ -157,7 +157,7 @@ def test_why_a_page_sends_nothing() -> None:
 
 
 def test_only_the_newest_uploads_stay(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr("poseviewer.files.state.uploads.MIN_UPLOADS", 3)
+    monkeypatch.setattr("poseviewer.opening.uploads.MIN_UPLOADS", 3)
     (tmp_path / "notes").mkdir()
     paths = []
     for i in range(6):
@@ -172,7 +172,7 @@ def test_only_the_newest_uploads_stay(tmp_path: Path, monkeypatch) -> None:
 
 
 def test_of_old_and_broken_uploads_those_that_a_session_names_stay(tmp_path, monkeypatch):
-    monkeypatch.setattr("poseviewer.files.state.uploads.MIN_UPLOADS", 0)
+    monkeypatch.setattr("poseviewer.opening.uploads.MIN_UPLOADS", 0)
     uploads = tmp_path / "uploads"
     used, other = (keep(uploads, {"maps/a.png": data}) for data in (b"used", b"other"))
     whole = session()

@@ -22,13 +22,13 @@ from msgspec import Meta
 
 from poseviewer.errors import FileSetError, printable
 from poseviewer.files.checks import InputFile
-from poseviewer.files.file_set import MAX_FILES, ModelFiles, is_of_system, model_files
 from poseviewer.files.mesh.load import READERS
 from poseviewer.files.mesh.named import bare_name
 from poseviewer.files.photo import ENDINGS
-from poseviewer.files.state.autosave import files_of_sessions
+from poseviewer.files.state.session_file import files_of_sessions
 from poseviewer.files.video import VIDEOS
-from poseviewer.files.writing import sha256_of, writing_to
+from poseviewer.files.writing import safe_path, sha256_of, writing_to
+from poseviewer.opening.sources import MAX_FILES, ModelFiles, is_of_system, model_files
 from poseviewer.scene.types import Scene
 
 MAX_UPLOAD_BYTES = 200_000_000
@@ -46,8 +46,6 @@ OLD_S = 3600.0
 BEGUN = "new-"
 """A set that is not whole yet has such a name."""
 MAX_NAME_LETTERS = 80
-MAX_PART_LETTERS = 100
-"""Characters of a name on disk: file systems take 255 bytes."""
 Entries: Any = Annotated[list[tuple[str, Annotated[int, Meta(ge=0)]]], Meta(min_length=1)]
 """Names and sizes (bytes) of the files that a page sends."""
 OUR_NAME = re.compile(rf"[0-9a-f]{{16}}|{BEGUN}.*")
@@ -57,9 +55,6 @@ ACCEPTED = {
     "pose": (".json", ".png"),
 }
 """Endings that a file chooser offers first."""
-NO_NAME = '<>:"|?*'
-"""Characters that names cannot hold on Windows."""
-RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 
 
 def pack(files: Iterable[tuple[str, bytes]]) -> bytes:
@@ -136,12 +131,6 @@ def copy_out(path: Path, scene: Scene, private: Path) -> Scene:
         views = [replace(v, file=replace(v.file, path=copy(v.path))) for v in scene.views]
         items = [replace(o, model=replace(o.model, path=copy(o.model.path))) for o in scene.objects]
     return replace(scene, views=tuple(views), objects=tuple(items))
-
-
-def safe_path(name: str) -> PurePosixPath:
-    """A path from a browser or a zip as one that any system can have, and that never leads out."""
-    parts = [_safe_part(part) for part in re.split(r"[/\\]", name)]
-    return PurePosixPath(*[part for part in parts if part] or ["unnamed"])
 
 
 def why_unfit(name: str, size: int, count: int = 1) -> str:
@@ -256,14 +245,6 @@ def _fill(place: Path, files: Sequence[tuple[str, memoryview | Path]]) -> None:
             shutil.copyfile(content, path)
         else:
             path.write_bytes(content)
-
-
-def _safe_part(part: str) -> str:
-    part = "".join(c if c.isprintable() and c not in NO_NAME else "_" for c in part).strip()
-    part = part.rstrip(". ")
-    if len(part) > MAX_PART_LETTERS:
-        part = f"{part[: MAX_PART_LETTERS // 2]}{part[-MAX_PART_LETTERS // 2 :]}"
-    return f"_{part}" if RESERVED.fullmatch(part) else part
 
 
 def _remove_old(folder: Path) -> None:

@@ -1,21 +1,23 @@
-"""Files that came together (a drop, a zip, a folder), sorted by what they are."""
+"""What a scene is opened from: files that were named, or that came together (a drop, a zip, a
+folder) and are sorted by what they are.
+"""
 
 import os
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from poseviewer.errors import FileSetError, PoseViewerError, list_names
 from poseviewer.files.camera_trees import TREES
-from poseviewer.files.cameras import load_cameras
+from poseviewer.files.cameras import Calibration, load_cameras
 from poseviewer.files.checks import InputFile
 from poseviewer.files.colmap_model import colmap_file
 from poseviewer.files.formats.bop import CAMERAS
-from poseviewer.files.image_sequence import natural_order
+from poseviewer.files.image_sequence import ImageSequence, natural_order
 from poseviewer.files.keypoints import keypoints_path
 from poseviewer.files.mesh.load import ELSEWHERE, READERS
 from poseviewer.files.mesh.named import bare_name, find_named, plain_name
@@ -26,6 +28,14 @@ from poseviewer.files.photo import RAW_ENDINGS, was_taken_by_a_camera
 from poseviewer.files.structs import SCENE
 from poseviewer.files.symmetry import symmetry_path
 from poseviewer.files.video import RECORD, VIDEOS
+from poseviewer.geometry.camera import Pose
+from poseviewer.geometry.image import Photo
+from poseviewer.geometry.mask import Mask
+from poseviewer.opening.photo_sets import LoadedViews, SetChoice
+from poseviewer.scene.assets import ModelFile
+from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import Scene
+from poseviewer.starts.start import FindStart
 
 Kind = Literal["photo", "model", "pose"]
 
@@ -61,19 +71,41 @@ class ModelFiles:
 
 
 @dataclass(frozen=True, slots=True)
-class FileSet:
-    """Files that came together, by what they are."""
+class Sources:
+    """What a scene is opened from: a photo, frames, a set of photos or a scene, and what goes with
+    it, as files or loaded.
+    """
 
-    photo: Path | None = None
-    frames: tuple[Path, ...] = ()
+    photo: Path | Photo | None = None
+    frames: tuple[Path, ...] | ImageSequence = ()
     """Photos of a sequence in order, or its video, as ``load_sequence`` takes them."""
-    camera: Path | None = None
-    models: tuple[ModelFiles, ...] = ()
-    pose: Path | None = None
-    views: Path | None = None
+    views: Path | LoadedViews | None = None
     """A set of photos, as ``photo_sets.load_views`` takes it."""
-    scene: Path | None = None
-    """A scene file, which says all by itself."""
+    scene: Path | Scene | None = None
+    """A scene, or its file, which says all by itself."""
+    model: Path | ModelFile | None = None
+    """The model; None: the first of ``models``."""
+    models: tuple[ModelFiles, ...] = ()
+    """Models that came together."""
+    start: Path | Pose | FindStart | None = None
+    """Pose file, pose, or what finds one on the photo; None: the model is still to be placed."""
+    calibration: Calibration | None = None
+    """Camera and lens of the photo or of all frames."""
+    mask: Path | Mask | None = None
+    """Weight of each pixel, or its picture; None: that of the pose file, with what was found in
+    front."""
+    choice: SetChoice | None = None
+    """What a set leaves open."""
+    key: int = 0
+    """Index of the frame that start and mask are of."""
+    mask_all_frames: bool = False
+    """Whether the mask holds for all frames; what a search found in front, as the pose file says
+    it, belongs to the frame ``key`` in any case."""
+    settings: FitSettings | None = None
+    """Settings of the objects; None: those of the scene, or the default. Parts ``without`` are
+    left out; those of a scene's objects are named ``ID:PART``."""
+    inside: Path | None = None
+    """Folder that must contain all files that a scene names."""
     unused: tuple[Path, ...] = ()
     """Files that fit nothing."""
 
@@ -85,6 +117,33 @@ class FileSet:
         hint = any(path.suffix.lower() in PICTURES for path in self.unused)
         more = " A picture alone is opened as the photo." if hint else ""
         return (f"Not used: {_list_paths(self.unused)}.{more}",)
+
+
+def name_sources(
+    photo: str | Path | LoadedViews,
+    model: str | Path | ModelFile | None = None,
+    start: str | Path | Pose | FindStart | None = None,
+    **more: Any,
+) -> Sources:
+    """Return sources of files that were named each for what it is, with ``more`` fields.
+
+    Args:
+        photo: a photo; a set of photos, known by a choice in it, as JSON or a folder; or, alone, a
+            scene file.
+        model: file, or loaded model.
+        start: pose file, pose, or what finds one.
+        **more: other fields of ``Sources``.
+    """
+    model = Path(model) if isinstance(model, str) else model
+    start = Path(start) if isinstance(start, str) else start
+    own = Sources(model=model, start=start, **more)
+    if isinstance(photo, LoadedViews):
+        return replace(own, views=photo)
+    path = Path(photo)
+    if model is None and start is None:
+        return replace(own, scene=path)
+    is_set = own.choice is not None or path.suffix.lower() == ".json" or path.is_dir()
+    return replace(own, views=path) if is_set else replace(own, photo=path)
 
 
 def files_below(root: Path) -> tuple[Path, ...]:
@@ -103,7 +162,7 @@ def is_of_system(name: str) -> bool:
 
 def sort_set(
     files: Sequence[Path], kind: Kind | None = None, at_hand: Path | None = None
-) -> FileSet:
+) -> Sources:
     """Sort files, which the user calls of a ``kind``, by what they are.
 
     A picture that a model names is a texture. Beside such a model, another picture is the photo if
@@ -117,7 +176,7 @@ def sort_set(
     for path in files:
         of_kind[_kind_of(path, kind == "pose", sole=len(files) == 1)].append(path)
     if scene := _only(of_kind["scene"], "scene files"):
-        return FileSet(scene=scene)
+        return Sources(scene=scene)
     if len(of_kind["model"]) > MAX_MODELS:
         _only(of_kind["model"], "models", f" to {MAX_MODELS}")
     models = [model_files(path, files) for path in of_kind["model"]]
@@ -161,7 +220,11 @@ def sort_set(
     used |= {path for path in (photo, camera, pose, *frames) if path is not None}
     used |= {path.with_name(RECORD) for path in frames[:1]}
     unused = tuple(path for path in files if path not in used)
-    return FileSet(photo, frames, camera, tuple(models), pose, views, unused=unused)
+    calibration = None if camera is None else Calibration(camera)
+    return Sources(
+        photo, frames, views, models=tuple(models), start=pose, calibration=calibration,
+        unused=unused,
+    )  # fmt: skip
 
 
 def model_files(path: Path, others: Sequence[Path]) -> ModelFiles:

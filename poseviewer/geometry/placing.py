@@ -1,4 +1,4 @@
-"""Poses of a model seen from one of its sides; and the surface point under a pixel."""
+"""Poses that bring a model to a place of the photo, its axis upwards, and surface points."""
 
 from dataclasses import replace
 
@@ -6,58 +6,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull, QhullError
 
-from poseviewer.errors import SettingsError
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.geometry.camera import Camera, Parallel, Pose
+from poseviewer.geometry.camera import Parallel, Pose
 from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.starts.views import look_along
-from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints, model_axes
 
-FILLED = 0.6
-"""Share of the photo's width or height that the model fills, whichever is less."""
 FRAMINGS = 12
 """Rounds of ``fit_into_rectangle``: in perspective the box changes its shape on the way."""
 FLAT = np.cos(np.radians(3.0))
 """Cosine of the largest angle between faces of the hull that carry the model together."""
 PREFERENCE = 2.0
 """Factor by which another axis must be likelier than z to be upwards: z is in most files."""
-
-SIDES = {
-    "three-quarter": (-1.0, -1.3, 0.55),
-    "left": (-1.0, 0.0, 0.0),
-    "right": (1.0, 0.0, 0.0),
-    "front": (0.0, -1.0, 0.0),
-    "back": (0.0, 1.0, 0.0),
-    "top": (0.0, 0.0, 1.0),
-    "bottom": (0.0, 0.0, -1.0),
-}
-"""Camera positions as seen from the model: to its right, behind it, above it."""
-
-
-def look_from(side: str, mesh: Mesh, keypoints: VehicleKeypoints | None, camera: Camera) -> Pose:
-    """Return the pose in the photo's middle, filling ``FILLED`` of it, from one of ``SIDES``.
-
-    Args:
-        side: a key of ``SIDES``.
-        mesh: the model.
-        keypoints: key points of a vehicle; None: the model is none.
-        camera: camera of the photo.
-    """
-    if side not in SIDES:
-        raise SettingsError(f"no side {side!r} to look from; wanted one of {', '.join(SIDES)}")
-    right, behind, up = upright_axes(mesh, keypoints)
-    stand = np.array(SIDES[side])
-    from_camera = -(stand[0] * right + stand[1] * behind + stand[2] * up)
-    forward = from_camera / np.linalg.norm(from_camera)
-    # Looking straight down or up, the front of the model is at the upper edge of the photo.
-    upwards = up if abs(forward @ up) < 0.99 else -behind
-    rotation = look_along(forward, upwards)
-    far = np.array([0.0, 0.0, 2.0 * mesh.diameter])
-    pose = Pose(camera, RigidTransform(rotation, far - rotation @ mesh.centre))
-    width, height = FILLED * camera.width, FILLED * camera.height
-    left, top = (camera.width - width) / 2.0, (camera.height - height) / 2.0
-    return fit_into_rectangle(pose, mesh, (left, top, width, height))
 
 
 def fit_into_rectangle(
@@ -99,22 +58,7 @@ def with_point_at(
     return Pose(camera, RigidTransform(rotation, target - rotation @ np.asarray(point)))
 
 
-def upright_axes(
-    mesh: Mesh, keypoints: VehicleKeypoints | None
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return unit vectors (3,) to the model's right, back and top.
-
-    They come from a vehicle's wheels, from glTF's rule, or from how the model would most likely
-    come to rest: by the solid angle of its hull's lowest face.
-    """
-    if keypoints is not None:
-        return model_axes(keypoints)
-    up = np.array([0.0, 1.0, 0.0]) if mesh.y_up else _find_up(mesh)
-    behind = np.array([0.0, 0.0, -1.0]) if up[1] else np.array([0.0, 1.0, 0.0])
-    return np.cross(up, behind), behind, up
-
-
-def _find_up(mesh: Mesh) -> FloatArray:
+def find_up(mesh: Mesh) -> FloatArray:
     """Find the axis, or its opposite, along which the model most likely stands."""
     try:
         hull = ConvexHull(hull_points(mesh))

@@ -9,16 +9,19 @@ import pytest
 
 from poseviewer.errors import PoseViewerError, SettingsError
 from poseviewer.files.cameras import Calibration
+from poseviewer.files.image_sequence import load_sequence
 from poseviewer.files.masks import save_pose_and_masks
 from poseviewer.files.photo import load_photo, save_image
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_json import as_saved, load_scene, save_scene
-from poseviewer.files.state.uploads import copy_out
 from poseviewer.fit.problem import make_problem
 from poseviewer.geometry.mask import Mask
+from poseviewer.opening.scenes import open_scene
+from poseviewer.opening.sources import Sources
+from poseviewer.opening.uploads import copy_out
 from poseviewer.scene.sequence import show_frame
 from poseviewer.scene.settings import FitSettings
-from poseviewer.starts.loading import open_scene_files, open_sequence
+from poseviewer.scene.types import Scene as SceneOfViews
 from tests.scene import Scene
 from tests.writing import write
 
@@ -32,8 +35,12 @@ def frames(scene: Scene, tmp_path: Path) -> Path:
     return folder
 
 
+def open_frames(folder: Path, model: Path, start: Path, **more) -> SceneOfViews:
+    return open_scene(Sources(frames=load_sequence(folder), model=model, start=start, **more))
+
+
 def test_the_first_frame_has_the_key_and_others_the_same_camera(frames, scene, tmp_path):
-    opened = open_sequence(frames, scene.model, scene.truth)
+    opened = open_frames(frames, scene.model, scene.truth)
     pose = load_pose(scene.truth).pose
     assert opened.views[0].camera == pose.camera
     assert [frame.file.name for frame in opened.frames] == ["f1.png", "f2.png", "f10.png"]
@@ -42,7 +49,7 @@ def test_the_first_frame_has_the_key_and_others_the_same_camera(frames, scene, t
     last = show_frame(opened, 2)
     assert last.views[0].photo.pixels.max() < 30
     save_scene(tmp_path / "s.json", as_saved(last))
-    again = open_scene_files(tmp_path / "s.json")
+    again = open_scene(Sources(scene=tmp_path / "s.json"))
     assert (again.frame_index, again.views[0].name) == (2, "f10.png")
     assert show_frame(again, 0).views[0].photo.sha256 == load_photo(frames / "f1.png").sha256
 
@@ -52,7 +59,7 @@ def test_a_calibration_undistorts_every_frame(frames, scene, tmp_path):
     size = {"image_width": 160, "image_height": 120}
     matrix = [[300.0, 0.0, 83.0], [0.0, 300.0, 58.0], [0.0, 0.0, 1.0]]
     write(path, {"camera_matrix": matrix, "dist_coeff": [0.3, 0.0, 0.0, 0.0, 0.0], **size})
-    opened = open_sequence(frames, scene.model, scene.truth, calibration=Calibration(path))
+    opened = open_frames(frames, scene.model, scene.truth, calibration=Calibration(path))
     for index in range(3):
         shown = show_frame(opened, index).views[0]
         assert shown.photo.undistortion is not None
@@ -70,11 +77,11 @@ def test_what_was_found_in_front_belongs_to_the_key_and_a_mask_to_all_frames_if_
     record = load_pose(scene.truth)
     save_pose_and_masks(tmp_path / "key.json", record, Mask.of(mask), Mask.of(found))
     how = {"key": 1, "mask_all_frames": all_frames, "settings": FitSettings(pixels="whole")}
-    opened = open_sequence(frames, scene.model, tmp_path / "key.json", **how)
+    opened = open_frames(frames, scene.model, tmp_path / "key.json", **how)
     assert [[*frame.poses] for frame in opened.frames] == [[], ["1"], []]
     assert (opened.frame_index, opened.views[0].name) == (1, "f2.png")
     save_scene(tmp_path / "s.json", as_saved(opened))
-    for now in (opened, open_scene_files(tmp_path / "s.json")):
+    for now in (opened, open_scene(Sources(scene=tmp_path / "s.json"))):
         for index in range(3):
             photo = make_problem(show_frame(now, index))[0].views[0].photo
             weights = cv2.resize(photo.weights, (160, 120), interpolation=cv2.INTER_NEAREST)
@@ -87,14 +94,14 @@ def test_what_was_found_in_front_belongs_to_the_key_and_a_mask_to_all_frames_if_
 
 def test_a_key_or_a_mask_that_is_not_there_is_said(frames, scene):
     with pytest.raises(SettingsError, match="`key=4`: frames has 3 frames"):
-        open_sequence(frames, scene.model, scene.truth, key=3)
+        open_frames(frames, scene.model, scene.truth, key=3)
     with pytest.raises(SettingsError, match="`mask_all_frames` without a mask"):
-        open_sequence(frames, scene.model, scene.truth, mask_all_frames=True)
+        open_frames(frames, scene.model, scene.truth, mask_all_frames=True)
 
 
 def test_frames_are_not_kept_in_memory(frames, scene):
     os.link(frames / "f10.png", frames / "f11.png")
-    opened = open_sequence(frames, scene.model, scene.truth)
+    opened = open_frames(frames, scene.model, scene.truth)
     for index in (1, 2, 3):
         assert show_frame(opened, index).views[0].photo is not opened.frames[index].file.read()
     (frames / "f10.png").write_bytes(b"torn")
@@ -103,7 +110,7 @@ def test_frames_are_not_kept_in_memory(frames, scene):
 
 
 def test_frames_of_an_upload_are_copied_beside_the_scene(frames, scene, tmp_path):
-    opened = open_sequence(frames, scene.model, scene.truth)
+    opened = open_frames(frames, scene.model, scene.truth)
     out = tmp_path / "out"
     out.mkdir()
     for _ in range(2):

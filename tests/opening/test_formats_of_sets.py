@@ -8,11 +8,11 @@ import pytest
 
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
-from poseviewer.files.photo_sets import SetChoice, load_views
 from poseviewer.files.scene_assets import model_file, view_of_file
 from poseviewer.files.scene_json import save_scene
 from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.opening.photo_sets import SetChoice, load_views
 from poseviewer.scene.types import Scene, SceneObject
 from tests.commands import run
 from tests.view_sets import CAMERA, CAMERAS_FROM_SET, MESH, NAMES, TRUTH, write_views

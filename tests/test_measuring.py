@@ -9,13 +9,13 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.transform import RigidTransform, Similarity
 from poseviewer.scene.assets import ModelFile, PhotoFile
-from poseviewer.scene.types import Scene, SceneObject, SearchResult, View
-from poseviewer.starts.measuring import (
+from poseviewer.scene.measuring import (
     MeasuredPoint,
     measure_distance,
     measure_point,
     measure_relative,
 )
+from poseviewer.scene.types import Scene, SceneObject, SearchResult, View
 from tests.app.state.documents import PARALLEL, PERSPECTIVE, make_photo
 from tests.meshes import make_box
 

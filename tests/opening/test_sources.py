@@ -7,10 +7,11 @@ import pytest
 from PIL import ExifTags, Image
 
 from poseviewer.errors import FileSetError
-from poseviewer.files.file_set import FileSet, files_below, model_files, sort_set
+from poseviewer.files.cameras import Calibration
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.photo_sets import load_views
-from poseviewer.files.state.uploads import gather
+from poseviewer.opening.photo_sets import load_views
+from poseviewer.opening.sources import Sources, files_below, model_files, sort_set
+from poseviewer.opening.uploads import gather
 from tests.textured import write_gltf, write_obj, write_ply
 from tests.view_sets import write_bop, write_colmap, write_frames, write_views
 from tests.writing import write
@@ -30,7 +31,7 @@ def picture(path: Path, camera: str = "") -> Path:
     return path
 
 
-def sort(root: Path, **more) -> FileSet:
+def sort(root: Path, **more) -> Sources:
     return sort_set(files_below(root), **more)
 
 
@@ -45,7 +46,7 @@ def test_a_picture_that_a_model_names_is_its_texture(tmp_path: Path, write_model
     files = sort(root)
     (model,) = files.models
     assert wood in model.named.values()
-    assert files == FileSet(models=(model,))
+    assert files == Sources(models=(model,))
     mesh = load_mesh(gather(tmp_path / "state", model))
     assert len(mesh.textures) == 1
     assert not mesh.notes
@@ -58,7 +59,7 @@ def test_of_two_pictures_of_one_name_the_nearer_is_taken(tmp_path: Path) -> None
 
 
 def test_of_very_many_pictures_of_a_model_so_many_are_looked_for_as_are_read(tmp_path, monkeypatch):
-    monkeypatch.setattr("poseviewer.files.file_set.MAX_TEXTURES", 2)
+    monkeypatch.setattr("poseviewer.opening.sources.MAX_TEXTURES", 2)
     names = [f"{number}.png" for number in range(3)]
     images = "".join(f"<image><init_from>{name}</init_from></image>" for name in names)
     path, *pictures = (write(tmp_path / name, images) for name in ("m.dae", *names))
@@ -77,7 +78,7 @@ def test_photo_model_camera_and_pose_are_told_apart_by_what_they_hold(tmp_path: 
     files = sort(tmp_path)
     (of_model,) = files.models
     assert (of_model.path, list(of_model.named)) == (model, ["car.keypoints.json"])
-    assert (files.photo, files.camera, files.pose) == (photo, camera, pose)
+    assert (files.photo, files.calibration, files.start) == (photo, Calibration(camera), pose)
     assert files.unused == (other, broken, text)
     assert files.notes == ("Not used: 3.json, 4.json, readme.txt.",)
 
@@ -102,8 +103,8 @@ def test_what_the_user_calls_the_files_counts(tmp_path: Path) -> None:
     (tmp_path / "quad.obj").unlink()
     any_json = write(tmp_path / "any.json", [1])
     files = sort(tmp_path, kind="pose")
-    assert (files.pose, files.photo) == (any_json, None)
-    assert sort_set([any_json]) == FileSet(pose=any_json)  # a sole file's fault can be said
+    assert (files.start, files.photo) == (any_json, None)
+    assert sort_set([any_json]) == Sources(start=any_json)  # a sole file's fault can be said
 
 
 def test_several_models_are_several_objects_and_the_pose_of_none(tmp_path: Path) -> None:
@@ -112,7 +113,7 @@ def test_several_models_are_several_objects_and_the_pose_of_none(tmp_path: Path)
     pose = write(tmp_path / "p.json", POSE)
     files = sort(tmp_path)
     assert [model.path.name for model in files.models] == ["a.obj", "b.obj", "c.obj"]
-    assert (files.pose, files.unused) == (None, (pose,))
+    assert (files.start, files.unused) == (None, (pose,))
 
 
 def test_what_the_model_at_hand_misses_may_come_later(tmp_path: Path) -> None:
@@ -161,7 +162,7 @@ def test_of_a_folder_systems_own_files_are_left_out_and_too_many_are_refused(tmp
     path = write(tmp_path / "a.obj", PLAIN)
     assert files_below(tmp_path) == (path,)
     write(tmp_path / "b.obj", PLAIN)
-    monkeypatch.setattr("poseviewer.files.file_set.MAX_BELOW", 1)
+    monkeypatch.setattr("poseviewer.opening.sources.MAX_BELOW", 1)
     with pytest.raises(FileSetError, match="more than 1 files; name a folder inside it"):
         files_below(tmp_path)
 
@@ -193,7 +194,7 @@ def test_a_set_of_photos_comes_with_its_model_and_start(tmp_path: Path, write_ca
     if views.name != "set.json":
         (tmp_path / "set.json").unlink()
     files = sort(tmp_path)
-    assert (files.views, files.pose, files.photo) == (views, start, None)
+    assert (files.views, files.start, files.photo) == (views, start, None)
     assert [one.path for one in files.models] == [model]
     assert files.unused == ()
     assert len(load_views(views).views) == 3
@@ -206,7 +207,11 @@ def test_the_cameras_of_a_reconstruction_are_those_of_one_photo(tmp_path: Path) 
     photo = picture(tmp_path / "a.png")
     model = write_colmap(tmp_path / "sparse")
     files = sort(tmp_path)
-    assert (files.photo, files.camera, files.views) == (photo, model / "cameras.txt", None)
+    assert (files.photo, files.calibration, files.views) == (
+        photo,
+        Calibration(model / "cameras.txt"),
+        None,
+    )
 
 
 @pytest.mark.parametrize(("name", "kind"), [("a.dng", "photo"), ("a.fbx", "model")])
