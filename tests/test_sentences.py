@@ -5,7 +5,6 @@ import re
 from collections.abc import Iterator
 from dataclasses import fields
 from importlib import import_module
-from inspect import signature
 from pathlib import Path
 
 import pytest
@@ -16,10 +15,10 @@ from poseviewer.cli.main import COMMANDS
 from poseviewer.cli.options import each, in_options
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.formats.conversion import ConvertOptions
-from poseviewer.files.photo_sets import SetChoice
 from poseviewer.fit.progress import Status
+from poseviewer.opening.photo_sets import SetChoice
+from poseviewer.opening.sources import Sources
 from poseviewer.scene.settings import CHOICES, FitSettings, Limits
-from poseviewer.starts.loading import open_sequence
 
 PACKAGE = Path(poseviewer.__file__).parent
 COMPUTED = {*CHOICES, "image", "object_id", "photo", "model"}
@@ -54,9 +53,8 @@ def test_no_sentence_outside_of_the_command_line_names_an_option():
 def test_each_setting_in_a_sentence_has_a_word_in_the_library_on_the_line_and_on_the_page():
     named = settings_named()
     assert len(named) > 20
-    of = (FitSettings, Limits, ConvertOptions, Calibration, SetChoice)
+    of = (FitSettings, Limits, ConvertOptions, Calibration, SetChoice, Sources)
     in_library = {field.name for one in of for field in fields(one)}
-    in_library |= set(signature(open_sequence).parameters)
     on_line = {option.name for own in OPTIONS.values() for group in own.values()
                for option in each(group) if option.flag.startswith("--")}  # fmt: skip
     assert named <= in_library

@@ -137,9 +137,9 @@ def test_objects_are_chosen_and_numbered(capsys):
     assert [pose["obj_id"] for pose in poses] == [5, 2]
     capsys.readouterr()
     for words, said in (
-        ("--object front", "add --object front=NUMBER"),
+        ("--object front", "say it with --object front=NUMBER"),
         ("--object who=3", "There is no object 'who'"),
-        ("--object ball=3 --object front=3", "(on the command line by --object front=NUMBER)"),
+        ("--object ball=3 --object front=3", "with --object front=NUMBER"),
     ):
         assert said in refusal(capsys, f"{line} {words}")
 
@@ -157,7 +157,7 @@ def test_models_without_names_in_bop_are_numbered_as_the_refusal_says(capsys):
     poses = json.loads(Path("out/scene_gt.json").read_text())["4"]
     assert [pose["obj_id"] for pose in poses] == [1, 2, 1]  # a model twice
     capsys.readouterr()
-    assert "add --object 2=NUMBER" in refusal(capsys, line, "--object", 2)
+    assert "say it with --object 2=NUMBER" in refusal(capsys, line, "--object", 2)
     shutil.rmtree("out")
     assert run(f"{line} --object 2=6") == 0
     capsys.readouterr()
@@ -165,7 +165,7 @@ def test_models_without_names_in_bop_are_numbered_as_the_refusal_says(capsys):
     assert pose["obj_id"] == 6
     shutil.copy("obj_000005.ply", "m.ply")
     line = "convert named.json one --to bop --model m.ply --image 4"
-    assert "add --object 1=NUMBER" in refusal(capsys, line)
+    assert "say it with --object 1=NUMBER" in refusal(capsys, line)
     for words, number in (("1=3", 3), ("4", 4)):
         assert run(f"{line} --object {words}") == 0
         poses = json.loads(Path("one/scene_gt.json").read_text())["4"]

@@ -274,7 +274,7 @@ def object_numbers(scene: Scene, options: c.ConvertOptions) -> list[int]:
         name = item.model.location.name
         if given is None and several and _is_number(item.id) and not re.fullmatch(MODEL_NAME, name):
             given = ids.setdefault(name, int(item.id))
-        way = f'object_id="{item.id}=NUMBER"' if several else "object_id"
+        way = f'object_id="{item.id}=NUMBER"'
         numbers.append(number := _number(given, MODEL_NAME, name, "object", way, "obj_000005.ply"))
         owner = owners.setdefault(number, item)
         if len({one.model.sha256 or one.model.location for one in (owner, item)}) > 1:

@@ -88,7 +88,7 @@ def test_what_is_not_known_is_asked_for(tmp_path):
     for nameless, unit, wanted in (
         (perspective_record(unit=None), None, "`unit`"),
         (structs.replace(record, photo=None), "m", "with `image`"),
-        (structs.replace(record, model=None), "m", "with `object_id`"),
+        (structs.replace(record, model=None), "m", 'with `object_id="1=NUMBER"`'),
     ):
         with pytest.raises(PoseFileError, match=wanted):
             write(nameless, tmp_path, unit=unit)

@@ -141,7 +141,7 @@ def test_a_bop_scene_is_whole(scene, tmp_path, capsys):
     path, out = saved(scene, tmp_path), tmp_path / "bop"
     where = "--from", "scene", "--to", "bop", "--unit", "mm"
     assert run("convert", str(path), str(out), *where, "--object", "ball") == 2
-    assert "say it with --object ID|NUMBER" in capsys.readouterr().err
+    assert "say it with --object ball=NUMBER" in capsys.readouterr().err
     data = json.loads(path.read_text())
     for number, item in enumerate(data["objects"], 1):
         item["id"] = str(number)
