@@ -107,9 +107,12 @@ def _print_model(path: Path) -> None:
     from poseviewer.files.mesh.load import load_mesh
     from poseviewer.files.mesh.size import size_words
     from poseviewer.files.symmetry import load_symmetry
+    from poseviewer.scene.assets import ModelFile
 
     mesh = load_mesh(path)
-    keypoints, symmetry = load_keypoints(path, mesh), load_symmetry(path, mesh)
+    keypoints, said = load_keypoints(path, mesh), load_symmetry(path, mesh)
+    symmetry = ModelFile.of(mesh, path, keypoints=keypoints, symmetry=said).symmetry
+    source = "found from the mesh" if said is None else "from a file"
     wheels = "none known: the free-body chart is used"
     if keypoints is not None:
         wheels = f"wheelbase {keypoints.left.wheelbase:.4g}: the vehicle chart is used"
@@ -125,7 +128,7 @@ def _print_model(path: Path) -> None:
         size=size_words(mesh),
         reflectance=reflectance,
         wheels=wheels,
-        symmetry=f"{symmetry.words} (from a file)" if symmetry.words else (),
+        symmetry=f"{symmetry.words} ({source})" if symmetry.words else (),
         note=mesh.notes,
     )
 

@@ -125,7 +125,7 @@ class TrialTask:
         model, renderer = fetch_model(case.mesh)
         keypoints = model.keypoints if self.settings.chart == "vehicle" else None
         symmetry = case.bop.symmetry if case.bop else model.symmetry
-        model = model.with_content(keypoints=keypoints, symmetry=symmetry)
+        model = model.with_content(keypoints=keypoints, said_symmetry=symmetry)
         view = View(PhotoFile.of(fetch_photo(case.photo)), self.start.camera)
         scene = scene_at(view, model, self.start, settings=self.settings)
         for other in self.others:

@@ -13,7 +13,7 @@ from poseviewer.errors import MeshFileError
 from poseviewer.files.checks import InputFile, Three
 from poseviewer.files.formats.bop_models import MODELS_INFO, Axis, load_bop_models
 from poseviewer.geometry.mesh import Mesh
-from poseviewer.geometry.symmetry_group import MAX_FOLD, NO_SYMMETRY, Symmetry, SymmetryAxis
+from poseviewer.geometry.symmetry_group import MAX_FOLD, Symmetry, SymmetryAxis
 
 FORMAT = "poseviewer-symmetry"
 KIND = "symmetry file"
@@ -72,13 +72,13 @@ def symmetry_path(mesh_path: str | Path) -> Path:
     return Path(mesh_path).with_suffix(".symmetry.json")
 
 
-def load_symmetry(mesh_path: str | Path, mesh: Mesh) -> Symmetry:
-    """A model's symmetry, from the file beside it or its BOP data set; none where neither is."""
+def load_symmetry(mesh_path: str | Path, mesh: Mesh) -> Symmetry | None:
+    """A model's symmetry, from the file beside it or its BOP data set; None where neither is."""
     path = symmetry_path(mesh_path)
     if not path.exists():
         number, info = BOP_MODEL.fullmatch(Path(mesh_path).name), path.with_name(MODELS_INFO)
         known = load_bop_models(info).get(int(number[1])) if number and info.is_file() else None
-        return NO_SYMMETRY if known is None else known.symmetry
+        return None if known is None else known.symmetry
     file = InputFile(path, error_type=MeshFileError, kind=KIND)
     with file.naming_errors():
         return file.decode(file.load_beside_model(FORMAT, mesh.unit), SymmetryTurns).symmetry

@@ -9,6 +9,7 @@ from poseviewer.errors import printable
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import Undistortion
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.mesh_symmetry import find_symmetry
 from poseviewer.geometry.symmetry_group import NO_SYMMETRY, Symmetry
 from poseviewer.vehicle.vehicle_keypoints import VehicleKeypoints
 
@@ -53,8 +54,8 @@ class ModelContent:
 
     mesh: Mesh
     keypoints: VehicleKeypoints | None = None
-    symmetry: Symmetry = NO_SYMMETRY
-    """Symmetry of the whole mesh, as far as a file says it."""
+    said_symmetry: Symmetry | None = None
+    """Symmetry of the whole mesh, as a file says it; None: none does."""
     _parts: dict[frozenset[str], Mesh] = field(default_factory=dict, init=False, repr=False)
 
     def mesh_without(self, parts: tuple[str, ...]) -> Mesh:
@@ -86,7 +87,7 @@ class ModelFile:
     @classmethod
     def of(
         cls, mesh: Mesh, path: Path | None = None, sha256: str | None = None, *, name: str = "",
-        keypoints: VehicleKeypoints | None = None, symmetry: Symmetry = NO_SYMMETRY,
+        keypoints: VehicleKeypoints | None = None, symmetry: Symmetry | None = None,
     ) -> "ModelFile":  # fmt: skip
         """Wrap a model that was read, or is in no file.
 
@@ -96,7 +97,7 @@ class ModelFile:
             sha256: hash of the file's bytes, hexadecimal.
             name: name to show; by default the file's.
             keypoints: of a vehicle.
-            symmetry: of the whole mesh.
+            symmetry: of the whole mesh; default: found from it.
         """
         content = ModelContent(mesh, keypoints, symmetry)
         return cls(path, sha256, mesh.unit, name, read=lambda: content)
@@ -128,8 +129,13 @@ class ModelFile:
 
     @property
     def symmetry(self) -> Symmetry:
-        """Symmetry of the whole mesh."""
-        return self.content.symmetry
+        """Symmetry of the whole mesh, as a file says it, else as it is found from the mesh."""
+        said = self.content.said_symmetry
+        return self.symmetry_of(self.mesh) if said is None else said
+
+    def symmetry_of(self, mesh: Mesh) -> Symmetry:
+        """Find the symmetry of the mesh or of some of its parts; wheels tell front from rear."""
+        return find_symmetry(mesh) if self.keypoints is None else NO_SYMMETRY
 
     def with_content(self, **changes: object) -> "ModelFile":
         """Change fields of the model's content."""

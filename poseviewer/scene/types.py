@@ -187,7 +187,7 @@ class SceneObject:
     @property
     def symmetry(self) -> Symmetry:
         """Symmetry of ``mesh``: poses that differ by it are one."""
-        return NO_SYMMETRY if self.without else self.model.symmetry
+        return self.model.symmetry_of(self.mesh) if self.without else self.model.symmetry
 
     @property
     def label(self) -> str:

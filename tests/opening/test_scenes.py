@@ -116,7 +116,7 @@ def test_a_model_that_has_lost_a_part_has_no_result(path):
 def test_equal_poses_are_saved_as_one(path):
     symmetry = Symmetry.from_axes([0.0, 0.0, 0.1], [SymmetryAxis(np.array([0.0, 0.0, 1.0]), 2)])
     scene = open_saved(path)
-    scene = scene.with_object(0, model=scene.objects[0].model.with_content(symmetry=symmetry))
+    scene = scene.with_object(0, model=scene.objects[0].model.with_content(said_symmetry=symmetry))
     turned = [
         searched(scene.with_pose(0, replace(pose, camera_from_model=pose.camera_from_model @ turn)))
         for pose in (scene.pose(0),)

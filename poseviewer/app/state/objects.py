@@ -135,8 +135,6 @@ def compare_view(session: Session, view_index: int, on: bool) -> Session:
 
 def symmetry_text(item: SceneObject) -> str:
     """Say which poses of an object are equivalent."""
-    if item.model.symmetry.is_none:
+    if item.symmetry.is_none:
         return "no symmetry"
-    if item.without:
-        return "no symmetry with parts left out"
     return f"poses are one that differ by {item.symmetry.words}"
