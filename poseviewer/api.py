@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import PoseViewerError as PoseViewerError
-from poseviewer.errors import SettingsError
+from poseviewer.errors import SettingsError, list_names
 from poseviewer.figures.map_archive import LossMaps
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.masks import save_pose_and_masks
@@ -134,6 +134,8 @@ def make_registration(
         if item.mesh not in renderers:
             renderers[item.mesh] = make_renderer(item.mesh, item.settings.renderer)
         notes += item.notes
+        if not item.is_placed:
+            notes.append(f"{item.label} is not placed: no search moves it.")
     if object_index is not None:
         problems[object_index], of_chart = make_problem(scene, object_index)
         notes += of_chart
@@ -387,8 +389,12 @@ class Registration(PosedScene):
         for index, item in enumerate(scene.objects if given else ()):
             settings = replace(item.settings, limits=replace(item.settings.limits, **given))
             scene = scene.with_object(index, settings=settings)
-        renderers = {i: self.renderers[scene.objects[i].mesh] for i in self.indices}
-        return Search(scene, renderers, tuple(self.indices), threads, self.view_index, stages)
+        placed = tuple(i for i in self.indices if scene.objects[i].is_placed)
+        if not placed:
+            names = list_names([repr(scene.objects[i].label) for i in self.indices])
+            raise SettingsError(f"{names}: not placed, so there is no start; place it first.")
+        renderers = {i: self.renderers[scene.objects[i].mesh] for i in placed}
+        return Search(scene, renderers, placed, threads, self.view_index, stages)
 
     def search(
         self, *, threads: int = 1, stages: StageMaker = make_stages

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import poseviewer
+from poseviewer.api import make_registration
 from poseviewer.files.demo import demo_case
 from poseviewer.files.keypoints import keypoints_path
 from poseviewer.files.photo import load_photo, save_image
@@ -96,6 +97,18 @@ def test_a_result_of_several_objects_has_a_part_for_each(tmp_path):
     assert result[ids[1]].start.object is result.start.scene.objects[1]
     with pytest.raises(poseviewer.PoseViewerError, match="say which"):
         _ = result.pose
+
+
+def test_what_is_not_placed_is_not_searched_for(tmp_path):
+    scene = poseviewer.load(make_three(tmp_path)).scene
+    scene = scene.with_object(0, is_placed=False)
+    registration = make_registration(scene)
+    name = scene.objects[0].label
+    assert f"{name} is not placed: no search moves it." in registration.notes
+    result = registration.fit(evaluations=5)
+    assert [index for index, item in enumerate(result.scene.objects) if item.result] == [1, 2]
+    with pytest.raises(poseviewer.PoseViewerError, match="not placed, so there is no start"):
+        registration[scene.objects[0].id].fit(evaluations=5)
 
 
 def test_an_interrupted_search_keeps_the_best_pose_or_ends(scene):

@@ -51,8 +51,10 @@ def set_loss(session: Session, loss: LossName) -> Session:
 
 @edit
 def start_search(session: Session) -> Session:
-    """Search for the active object from the current pose."""
+    """Search for the active object from the current pose; look for it if it has none."""
     document = session.document
+    if not document.object.is_placed and session.proposals is None:
+        return session.with_first_proposals
     return _begin_search(session, document, (document.settings,), (document.active,))
 
 
@@ -100,6 +102,11 @@ def _begin_search(
     session, document = session.stop_proposing().stop_propagating(), session.document
     if document.object.locked and indices == (document.active,):
         raise SettingsError(f"{label_of(document.object)} is locked: {UNLOCK} to search")
+    if not document.object.is_placed and indices == (document.active,):
+        raise SettingsError(
+            f"{label_of(document.object)} is not placed: press a proposal, or the photo where the "
+            "object is, or draw a box about it"
+        )
     session = with_search(session, SearchRequest(start, methods, indices))
     return replace(session, history=session.history.with_step(document), drag=None)
 

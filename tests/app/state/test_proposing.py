@@ -159,7 +159,7 @@ def test_old_news_and_other_photos_change_nothing():
 def test_a_model_without_a_pose_is_looked_for_until_somebody_places_it():
     session = nowhere()
     assert session.is_looking
-    for edit in (c.press(80, 60), c.cancel_drag(), c.view_from("front"), c.start_search()):
+    for edit in (c.press(80, 60), c.cancel_drag(), c.view_from("front")):
         assert not after(session, edit).is_proposing
     assert after(session, c.set_tool("box"), c.show_style("solid")).is_looking
     assert after(session, c.toggle_box()).tool == "box"

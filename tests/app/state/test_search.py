@@ -7,7 +7,7 @@ import pytest
 
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.hiding import mask_pixels
-from poseviewer.app.state.results import Landscape, LossComparison, Preparation
+from poseviewer.app.state.results import Landscape, LossComparison, Preparation, ProposedStarts
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import run_search, search_edits
 from poseviewer.app.workers.maps import refine_maps
@@ -77,6 +77,17 @@ def test_the_focal_length_is_searched_for_by_one_press():
     assert not asked.document.settings.free_focal  # a press changes no setting
     assert asked.history.past == (session.document,)
     assert after(asked, c.revert_search()).document is session.document
+
+
+def test_no_search_begins_where_nobody_has_placed_the_model():
+    session = Session(make_document().with_object(is_placed=False))
+    looking = after(session, c.toggle_search())
+    assert looking.is_looking
+    assert looking.search is None
+    for edit in (c.toggle_search(), c.find_focal_length(), c.compare_losses()):
+        assert "is not placed: press a proposal, or the photo" in refused(looking, edit)
+    found_none = after(looking, c.list_starts(ProposedStarts(looking.document)))
+    assert "is not placed" in refused(found_none, c.toggle_search())
 
 
 def test_a_search_is_one_step_to_its_best_pose(session, updates):
