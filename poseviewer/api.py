@@ -60,7 +60,7 @@ from poseviewer.scene.assets import ModelFile
 from poseviewer.scene.sequence import require_keys, store_poses
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import Scene, SceneObject
-from poseviewer.starts.automatic import AUTOMATIC
+from poseviewer.starts.automatic import AUTOMATIC, propose_about
 from poseviewer.starts.instances import AutoStart
 from poseviewer.starts.start import FindStart
 from poseviewer.starts.start import StartCamera as StartCamera
@@ -394,7 +394,7 @@ class Registration(PosedScene):
             names = list_names([repr(scene.objects[i].label) for i in self.indices])
             raise SettingsError(f"{names}: not placed, so there is no start; place it first.")
         renderers = {i: self.renderers[scene.objects[i].mesh] for i in placed}
-        return Search(scene, renderers, placed, threads, self.view_index, stages)
+        return Search(scene, renderers, placed, threads, self.view_index, stages, propose_about)
 
     def search(
         self, *, threads: int = 1, stages: StageMaker = make_stages

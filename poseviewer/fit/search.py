@@ -15,7 +15,7 @@ is searched for again when these pixels have changed since.
 
 import math
 import time
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -23,11 +23,13 @@ import numpy as np
 from msgspec import structs
 
 from poseviewer.confidence.verdict import (
+    LABELS,
     PROBABILITY_MARGIN,
     SURE_FROM,
     SURE_IF_OCCLUDED,
     TURNED_THRESHOLD,
     WHOLE_FROM,
+    Verdict,
 )
 from poseviewer.fit.compared_pixels import ViewResidual, enlarge_mask
 from poseviewer.fit.judge import better_turn, judge_end
@@ -76,6 +78,16 @@ MAX_ROUNDS = 4
 """Searches of one object: two objects that slide along each other would alternate for ever."""
 
 
+LOST, FOUND = Verdict("lost", 0.0), LABELS.index("found")
+"""Verdict of an end that was not judged, and the rank of a found one."""
+APART_PERCENT = 2.0
+"""Distance, in % of the model's size, from which two ends are different poses."""
+MAX_PROPOSALS = 3
+"""Further starts from which a search goes on: the right one is seldom a later one."""
+
+Propose = Callable[[Scene, int, int], Sequence[Pose]]
+"""Function that proposes starts, the likeliest first, about where an object stands in a view: of
+the scene, the object's index and the view's; such as ``starts.automatic.propose_about``."""
 Outcome = TypeVar("Outcome")
 Steps = Generator[SearchProgress, None, Outcome]
 
@@ -91,6 +103,7 @@ class Search:
         threads: int = 1,
         view_index: int = 0,
         stages: StageMaker = make_stages,
+        propose: Propose | None = None,
     ) -> None:
         """Prepare the search.
 
@@ -101,8 +114,9 @@ class Search:
             threads: number of threads; more give the same poses in less time.
             view_index: index of the view whose chart is searched.
             stages: maker of the pyramid levels and minimisers.
+            propose: proposes further starts where a search ends at a pose that is not sure.
         """
-        self._make_stages = stages
+        self._make_stages, self._propose = stages, propose
         self._start = scene
         self._renderers = renderers
         self._threads = threads
@@ -222,6 +236,7 @@ class Search:
             best = yield from self._run(best.problem, best)
             gain = loss - best.loss if has_occluders else math.inf
         best = self._check_proportions((yield from self._finish(best, gain)))
+        best = yield from self._try_proposals(best, occluded)
         is_unsure = best.verdict is not None and not is_sure(best)
         yield self._publish(
             self._restore_start(best) if is_unsure and problem.settings.keep_start else best
@@ -313,6 +328,30 @@ class Search:
             best = after if is_accepted(after, best, is_turned) else after.keeping(best)
             gain = loss - best.loss
         return best
+
+    def _try_proposals(self, end: FitProgress, occluded: Occlusions) -> Steps[FitProgress]:
+        """Search from proposed starts, too, where the end is not sure: the start may have been too
+        far off.
+        """
+        settings, verdict = end.problem.settings, end.verdict
+        is_one_view = len(end.problem.views) == 1
+        is_wanted = is_one_view and end.problem.loss.has_structure and not settings.lock
+        if not is_wanted or self._propose is None or settings.keep_start or end.problem.doubt:
+            return end
+        if verdict is None or is_sure(end) or not end.may_continue:
+            return end
+        view_index, index = end.problem.views[0].view_index, self._object_index
+        at_end = with_params(self.scene, index, end.problem, end.parameters)
+        view, ends = self.scene.views[view_index], [end]
+        for pose in self._propose(at_end, index, view_index)[:MAX_PROPOSALS]:
+            scene = self.scene.with_object(index, world_from_model=view.world_from_model(pose))
+            problem = make_problem(scene, index, self._view_index, occluded)[0]
+            after = yield from self._run(problem, spend(FitProgress.at_start(problem), ends[-1]))
+            after = self._check_proportions((yield from self._finish(after, math.inf)))
+            ends.append(after)
+            if is_sure(after) or not after.may_continue:
+                break
+        return spend(choose_end(ends), ends[-1])
 
     def _check_proportions(self, end: FitProgress) -> FitProgress:
         """Judge whether other proportions of the model explain the only photo as well or better."""
@@ -459,6 +498,39 @@ def is_accepted(after: FitProgress, before: FitProgress, is_turned: bool) -> boo
     if not is_turned:
         return after.verdict.probability >= known - PROBABILITY_MARGIN
     return after.verdict.probability >= max(known + PROBABILITY_MARGIN, TURNED_THRESHOLD)
+
+
+def spend(progress: FitProgress, spent: FitProgress) -> FitProgress:
+    """Count evaluations, restarts and seconds from those of another progress."""
+    counts = {"evaluations": spent.evaluations, "restart": spent.restart}
+    return replace(progress, **counts, seconds=spent.seconds)
+
+
+def choose_end(ends: Sequence[FitProgress]) -> FitProgress:
+    """Return the likeliest of the ends of searches from several starts, the given one first.
+
+    Where others lie elsewhere it says so, and only a sure pose stays ``found`` beside one that is.
+    """
+
+    def rank(end: FitProgress) -> tuple[int, float]:
+        verdict = end.verdict or LOST
+        return LABELS.index(verdict.label), verdict.probability
+
+    def away(end: FitProgress) -> float:
+        return pose_error(best.problem.mesh, end.pose, best.pose, best.problem.symmetry).percent
+
+    first, best = ends[0], max(ends, key=rank)
+    is_rivalled = any(rank(end)[0] == FOUND and away(end) > APART_PERCENT for end in ends)
+    if best.verdict is None or not (is_rivalled or away(first) > APART_PERCENT):
+        return best
+    reason = "Searches from other starts end at another pose that looks right, too."
+    if away(first) > APART_PERCENT:
+        start = "the given start, which may be far off, the search ended"
+        reason = f"Found from another start: from {start} {away(first):.0f} % of its size away."
+    is_doubted = best.verdict.label == "found" and not is_sure(best)
+    label = "doubtful" if is_doubted else best.verdict.label
+    reasons = (*best.verdict.reasons, reason)
+    return replace(best, verdict=structs.replace(best.verdict, label=label, reasons=reasons))
 
 
 def is_worse(after: FitProgress, before: FitProgress) -> bool:

@@ -65,6 +65,11 @@ class Rectangle(NamedTuple):
         high = max(self.right, other.right), max(self.bottom, other.bottom)
         return Rectangle.from_corners(low, high)
 
+    def overlap(self, other: Rectangle) -> float:
+        """Return the intersection over union with another rectangle, in [0, 1]."""
+        shared = self.intersection(other).area
+        return shared / max(self.area + other.area - shared, 1e-12)
+
     def mask(self, height: int, width: int) -> NDArray[np.float32]:
         """Return (height, width): 1 inside, right and lower ends excluded, 0 beside it."""
         import numpy as np

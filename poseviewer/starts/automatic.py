@@ -32,6 +32,7 @@ from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import Level, make_level
 from poseviewer.render.renderers import make_renderer
 from poseviewer.scene.settings import FitSettings, Limits
+from poseviewer.scene.types import Scene
 from poseviewer.starts.dino_features import PatchEncoder
 from poseviewer.starts.learned import compare_with_photo, propose_rectangles
 from poseviewer.starts.start import Start, StartInputs
@@ -46,6 +47,12 @@ AUTOMATIC = "auto"
 """Word in place of a pose file: find a start."""
 MARGIN = 0.35
 """Reach of the compared pixels beyond the rectangle, as a share of its sides."""
+TEXTURE_REACH = 0.5
+"""Reach beyond the rectangle where a search has ended, as a share of its sides, in which texture is
+looked for."""
+MIN_OVERLAP = 0.2
+"""Intersection over union of that rectangle and a proposal's: with less, another thing like it may
+be meant."""
 MIN_SIDE_PX = 8
 """Smallest side of a rectangle about the object."""
 HULL_POINTS = 120
@@ -466,6 +473,31 @@ def best_start(
     note += f", the next best {sorted(losses)[1]:.2f}" if len(losses) > 1 else ""
     note = f"{note}; look whether it is right."
     return Start(poses[best], (note,), doubt=hypotheses[best].doubt)
+
+
+def propose_about(scene: Scene, object_index: int, view_index: int) -> list[Pose]:
+    """Propose starts for an object that may stand far off: by texture about where it stands, else
+    those that fill the rectangle where it stands.
+
+    Args:
+        scene: the scene.
+        object_index: index of the object.
+        view_index: index of the view.
+    """
+    item, view = scene.objects[object_index], scene.views[view_index]
+    pose = scene.pose(object_index, view_index)
+    inputs = StartInputs(view.photo, item.mesh, item.model.keypoints, view.mask, item.settings)
+    box = outline_box(pose, outermost_points(item.mesh))
+    near, wide = (
+        StartQuery(inputs, pose.camera, rectangle, item.settings)
+        for rectangle in (box, box.expand(TEXTURE_REACH))
+    )
+    with suppress(QuickStartError):
+        hypotheses = _from_features(wide, lambda: None) or propose(near)
+        boxes = (outline_box(hypothesis.pose, near.points) for hypothesis in hypotheses)
+        pairs = zip(hypotheses, boxes, strict=True)
+        return [own.pose for own, there in pairs if there.overlap(box) > MIN_OVERLAP]
+    return []
 
 
 def outline_box(pose: Pose, points: FloatArray) -> Rectangle:

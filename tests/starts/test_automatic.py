@@ -1,11 +1,14 @@
 """Starts that nobody gives: proposed within a rectangle, and taken up by all who fit."""
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from poseviewer import api
 from poseviewer.cli import main as cli
+from poseviewer.confidence.verdict import SURE_FROM
 from poseviewer.errors import QuickStartError
 from poseviewer.evaluation.cases import Case
 from poseviewer.files.demo import demo_case
@@ -13,9 +16,18 @@ from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_assets import load_model
+from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.rectangle import Rectangle
-from poseviewer.starts.automatic import StartQuery, outermost_points, outline_box, propose
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.starts.automatic import (
+    MIN_OVERLAP,
+    StartQuery,
+    outermost_points,
+    outline_box,
+    propose,
+    propose_about,
+)
 from poseviewer.starts.start import StartInputs
 from tests.measure.real import careless_box, is_right
 from tests.scene import Scene
@@ -69,6 +81,31 @@ def test_fit_and_library_go_on_from_the_best(scene: Scene, tmp_path: Path, capsy
     mesh, truth = load_mesh(scene.model), load_pose(scene.truth, *SIZE).pose
     # The camera's middle is taken for the photo's, which is 3 px off here.
     assert pose_error(mesh, load_pose(out, *SIZE).pose, truth).percent < 6.0
+
+
+@pytest.mark.slow
+def test_a_fit_from_a_start_that_is_far_off_ends_right(scene: Scene, monkeypatch):
+    """From 100 degrees off it ends at a wrong pose, which is not sure; others are tried then."""
+    truth, mesh = load_pose(scene.truth, *SIZE).pose, load_mesh(scene.model)
+    turn = np.radians([0.0, 100.0, 0.0, 0.0, 0.0, 0.0])
+    start = FreeBodyChart.near(mesh, truth).to_pose(turn)
+    end = api.load(scene.photo, scene.model, start).fit()
+    assert end.verdict.label == "found"
+    assert pose_error(mesh, end.pose, truth).percent < 1.0
+    monkeypatch.setattr(api, "propose_about", None)
+    alone = api.load(scene.photo, scene.model, start).fit()
+    assert alone.verdict.probability < SURE_FROM
+    assert pose_error(mesh, alone.pose, truth).percent > 10.0
+
+
+def test_what_is_like_the_object_elsewhere_is_not_proposed(scene: Scene):
+    loaded = api.load(scene.photo, scene.model, scene.start)
+    corners, start = outermost_points(loaded.object.mesh), loaded.pose
+    away = start.camera_from_model.translation - [0.9, 0.0, 0.0]
+    moved = replace(start, camera_from_model=RigidTransform(start.camera_from_model.rotation, away))
+    box = outline_box(moved, corners)
+    for pose in propose_about(loaded.scene.with_pose(0, moved), 0, 0):
+        assert outline_box(pose, corners).overlap(box) > MIN_OVERLAP
 
 
 @pytest.mark.slow

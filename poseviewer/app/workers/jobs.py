@@ -48,7 +48,7 @@ from poseviewer.render.overlay.contour import quick_silhouette
 from poseviewer.render.pool import processors
 from poseviewer.render.renderers import RendererName
 from poseviewer.scene.settings import FitSettings
-from poseviewer.starts.automatic import StartQuery, best_start
+from poseviewer.starts.automatic import StartQuery, best_start, propose_about
 from poseviewer.starts.instances import propose_beside
 from poseviewer.starts.start import StartInputs
 
@@ -230,7 +230,9 @@ def run_search(
     view, objects = reference_view(scene, start.active, start.view_index), scene.objects
     renderers = {i: renderer_of(objects[i].mesh, settings.renderer).clone() for i in indices}
     progress: SearchProgress | None = None
-    for progress in Search(scene, renderers, indices, processors(), view).run():
+    for progress in Search(
+        scene, renderers, indices, processors(), view, propose=propose_about
+    ).run():
         yield progress
     if progress is None:
         for index in indices:
