@@ -315,7 +315,11 @@ class _Chain:
                 masks.append(before)  # it may still be there, and only not be told
         ends = [self._search_behind(problem, renderer, mask, track, prior) for mask in masks]
         # An occluder that is gone leaves a photo that is explained as well without its mask.
-        return ends[0] if ends[0].loss <= ends[-1].loss + PARTS * DOUBT else ends[-1]
+        return (
+            ends[0]
+            if ends[0].loss <= ends[-1].loss + PARTS * problem.loss.unit * DOUBT
+            else ends[-1]
+        )
 
     def _search_behind(
         self,
@@ -396,7 +400,7 @@ def _stays(track: _Track, end: FitProgress) -> bool:
         return False
     now = verdict.features
     drop = max(probed.outline - now["outline"], probed.seen - now["seen"])
-    rise = (end.loss - track.probed_loss) / PARTS
+    rise = (end.loss - track.probed_loss) / (PARTS * end.problem.loss.unit)
     return track.age < PROBE_EVERY and drop < DOUBT and rise < DOUBT
 
 
