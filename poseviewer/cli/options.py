@@ -296,7 +296,9 @@ def inputs(options: Namespace, of_command: Options) -> list[Path]:
 
 def in_options(sentence: str, of_command: Options) -> str:
     """Name a command's options where a sentence of the library names its settings."""
-    own = {item.name: item for group in of_command.values() for item in each(group)}
+    own: dict[str, Option] = {}
+    for item in (item for group in of_command.values() for item in each(group)):
+        own.setdefault(item.name, item)  # of an option and its alias, the option
 
     def word(name: str, value: str) -> str | None:
         return own[name].usage(value) if name in own else None

@@ -148,4 +148,4 @@ def test_a_file_that_names_an_unknown_loss_is_refused(scene, own, tmp_path, caps
     del LOSSES[own]
     said = refusal(capsys, f"fit {path} --out {tmp_path / 'end.json'}")
     known = "take one of default, paper."
-    assert said == f"poseviewer: settings of a file: loss='{own}': there is no such choice; {known}"
+    assert said == f"poseviewer: settings of a file: --loss {own}: there is no such choice; {known}"

@@ -42,7 +42,8 @@ def test_a_guessed_focal_length_is_searched_for_by_the_button_beside(running: Ru
     handle = app._page._server.gui._gui_input_handle_from_uuid[uuid]
     with SocketPage(running.url) as page:
         assert not handle.visible
-        app._mailbox.post(open_document(open_files(scene.photo, scene.model, None)))
+        placed = open_files(scene.photo, scene.model, None).with_object(is_placed=True)
+        app._mailbox.post(open_document(placed))
         page.wait_until(lambda: handle.visible)
         page.change(uuid, True)
         page.wait_until(lambda: app.session.is_searching)
