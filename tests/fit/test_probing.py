@@ -20,7 +20,7 @@ from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.pose_error import pose_error
-from poseviewer.geometry.symmetry_group import Symmetry, SymmetryAxis
+from poseviewer.geometry.symmetry_group import NO_SYMMETRY, Symmetry, SymmetryAxis
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.renderers import make_renderer
 from poseviewer.scene.settings import FitSettings
@@ -177,7 +177,8 @@ def test_an_equal_pose_is_not_away():
 def test_equal_poses_do_not_count_as_turned():
     plain = make_mesh(CAN.vertices, CAN.faces)  # by its loss alone it may be turned as one likes
     problem = fitted_from(TRUTH, plain)
-    as_any, as_round = (features_of(of) for of in (problem, symmetric(problem, ROUND)))
+    said = NO_SYMMETRY, ROUND
+    as_any, as_round = (features_of(symmetric(problem, one)) for one in said)
     assert as_any is not None
     assert as_round is not None
     assert as_any.turn_margin < 0.1 < 1.0 < as_round.turn_margin
