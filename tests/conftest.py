@@ -1,6 +1,6 @@
 """Real data where it is there, a scene, and settings for all tests.
 
-Two cores of an Intel Xeon of 2.1 GHz (Sapphire Rapids) take 3 minutes, and another 14 for those
+Two cores of an Intel Xeon of 2.1 GHz (Sapphire Rapids) take 4 minutes, and another 19 for those
 that are marked slow.
 """
 
