@@ -17,6 +17,7 @@ from poseviewer.geometry.camera import Camera, Perspective
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.geometry.mask import Mask
+from poseviewer.geometry.mesh_symmetry import find_symmetry
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.geometry.world_pose import WORLD
 from poseviewer.scene.assets import ModelContent, ModelFile, PhotoFile
@@ -114,4 +115,7 @@ def model_file(path: Path, sha256: str | None = None, unit: str | None = None) -
 
 def _content(path: Path) -> ModelContent:
     mesh = load_mesh(path)
-    return ModelContent(mesh, load_keypoints(path, mesh), load_symmetry(path, mesh))
+    keypoints, said = load_keypoints(path, mesh), load_symmetry(path, mesh)
+    if keypoints is None and said is None:
+        find_symmetry(mesh)  # cached: up to a second, in the thread that reads, not on the page
+    return ModelContent(mesh, keypoints, said)

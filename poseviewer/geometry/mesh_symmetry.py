@@ -51,6 +51,8 @@ MAX_DIRECTIONS = 150
 """Directions of corners and faces that may be axes of a model without a longest side."""
 REFINEMENTS = 6
 """Alignments of the turned surface with itself."""
+MAX_REFINED = 30
+"""Turns that are refined in vain: about any axis a rough ball nearly lies on itself."""
 
 
 @lru_cache(maxsize=64)
@@ -104,7 +106,7 @@ class _Surface:
     colours: FloatArray
     """(n, 3): averaged over neighbours."""
     tree: KDTree
-    """Of points and normals."""
+    """Tree of points and normals."""
     spacing: float
 
     def is_same(self, turn: Rotation) -> bool:
@@ -196,6 +198,7 @@ def _axes_among(
 ) -> list[SymmetryAxis]:  # fmt: skip
     """Find which directions are axes, each with its finest fold; 0: of every turn."""
     found: list[SymmetryAxis] = []
+    left = MAX_REFINED
     for direction in directions:
         for fold in folds:
             if any(abs(direction @ known.axis) > SAME_DIRECTION for known in found):
@@ -207,13 +210,15 @@ def _axes_among(
                     found.append(SymmetryAxis(axis, 0))
                 continue
             turn = surface.refine(Rotation.from_rotvec(2.0 * math.pi / fold * direction))
-            if turn is not None:
-                vector = turn.as_rotvec()
+            vector = np.zeros(3) if turn is None else turn.as_rotvec()
+            if vector.any():
                 axis = vector / np.linalg.norm(vector)
                 axis = _snap(axis if axis @ direction > 0.0 else -axis)
                 if surface.is_same(Rotation.from_rotvec(2.0 * math.pi / fold * axis)):
                     found.append(SymmetryAxis(axis, fold))
-        if limit is not None and len(found) >= limit:
+                else:
+                    left -= 1
+        if left <= 0 or (limit is not None and len(found) >= limit):
             break
     return found
 

@@ -1,4 +1,4 @@
-"""What a scene is opened from: files that were named, or that came together (a drop, a zip, a
+"""Sources of a scene: files that were named, or that came together (a drop, a zip, a
 folder) and are sorted by what they are.
 """
 

@@ -76,7 +76,7 @@ WAYS = {
     "photos": "a set of fewer",
     "view": "its file",
 }
-"""What a user of the page does about settings that have no field; sentences say them after *add*,
+"""Ways of the page for settings that have no field; sentences say them after *add*,
 *with* or *without*.
 """
 MAX_DECIMALS = 12

@@ -106,7 +106,7 @@ PRESSES: Mapping[str, Callable[[Session, FloatArray, float, str], Session]] = {
     "part": _leave_out,
     "measure": _measure,
 }
-"""What a press does with each tool, but for those that hold the model: given the point (2,), the
+"""Edits by a press with each tool, but for those that hold the model: given the point (2,), the
 screen px per photo px, and the motion of the model.
 """
 

@@ -112,7 +112,7 @@ class Worker(Generic[A, T]):
         self._held = False
         self._let_go = self._woken = 0.0
         self.mailbox: Mailbox[Any] = Mailbox()
-        """Where items and errors are published; its own until it gets another one."""
+        """Mailbox that items and errors are published in; its own until it gets another one."""
 
     @property
     def busy(self) -> bool:

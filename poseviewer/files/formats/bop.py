@@ -85,7 +85,7 @@ class BopEntry:
 
     image: int
     photo: str
-    """As in ``BopImage``."""
+    """Photo's path, as in ``BopImage``."""
     object_id: int
     pose: Pose | None
     """None where there is a problem."""

@@ -9,7 +9,7 @@ TEXTURE_FOLDERS = ("textures", "texture", "maps", "images", "materials")
 """Folders of pictures with programs and model shops: below the model's folder, or beside it."""
 
 NOT_THERE = "is not there; add it to the model's files"
-"""What a note says of a file that a model names."""
+"""End of a note on a file that a model names."""
 
 
 def bare_name(written: str) -> str:
