@@ -264,7 +264,7 @@ class Document:
 
     @property
     def occluders(self) -> tuple[Mask, ...]:
-        """Masks of what earlier searches found in front of the object, unless settings ignore it."""
+        """Masks of what searches found in front of the object, unless settings ignore it."""
         is_ignored = self.settings.in_front != "find"
         return () if is_ignored else self.scene.earlier_occluders(self.active, self.view_index)
 
