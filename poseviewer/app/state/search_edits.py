@@ -104,8 +104,8 @@ def _begin_search(
         raise SettingsError(f"{label_of(document.object)} is locked: {UNLOCK} to search")
     if not document.object.is_placed and indices == (document.active,):
         raise SettingsError(
-            f"{label_of(document.object)} is not placed: press a proposal, or the photo where the "
-            "object is, or draw a box about it"
+            f"the model {label_of(document.object)} is not placed: press a proposal, or the photo "
+            "where the object is, or draw a box about it"
         )
     session = with_search(session, SearchRequest(start, methods, indices))
     return replace(session, history=session.history.with_step(document), drag=None)
