@@ -62,6 +62,25 @@ def write_interlaced(path: Path, count: int, which: Collection[int] | None = Non
     return path
 
 
+def write_jpegs(
+    path: Path, shown: Sequence[NDArray[np.uint8]], times_ms: Sequence[int] = (), sampling: int = 0
+) -> Path:
+    """Write a video (IVF, whatever its name) of RGB pictures of any sizes, as JPEGs.
+
+    Like a browser's recording it says its length in ms alone. ``sampling``: of the colours of the
+    first frame, as of ``cv2.IMWRITE_JPEG_SAMPLING_FACTOR``.
+    """
+    times = times_ms or [40 * index for index in range(len(shown))]
+    length = times[-1] + 40
+    data = b"DKIF" + struct.pack("<HH4sHHIIII", 0, 32, b"MJPG", 0, 0, 1000, 1, length, 0)
+    for picture, time in zip(shown, times, strict=True):
+        how = [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, sampling] if sampling and not time else []
+        jpeg = np.asarray(cv2.imencode(".jpg", picture[..., ::-1], how)[1]).tobytes()
+        data += struct.pack("<IQ", len(jpeg), time) + jpeg
+    path.write_bytes(data)
+    return path
+
+
 def bar_of(rgb: NDArray) -> int:
     """Index of the frame that a picture shows, by its bar."""
     return round(float((rgb[10, :, 0] > 120).sum()) / 2.0) - 1
@@ -86,6 +105,41 @@ def turn_video(path: Path) -> None:
     at = _boxes(data, b"moov", b"trak", b"tkhd")[-1] + 48
     struct.pack_into(">9i", data, at, 0, 0x10000, 0, -0x10000, 0, 0, 0, 0, 0x40000000)
     path.write_bytes(data)
+
+
+def widen_pixels(path: Path, across: int, down: int) -> None:
+    """Say in an MP4 how wide and how high its pixels are."""
+    data = bytearray(path.read_bytes())
+    parents = _boxes(data, b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stsd")
+    entry = parents[-1] + 16
+    end = entry + _size(data, entry)
+    box = struct.pack(">I4sII", 16, b"pasp", across, down)
+    for parent in (*parents, entry):
+        struct.pack_into(">I", data, parent, len(box) + _size(data, parent))
+    data[end:end] = box
+    path.write_bytes(data)
+
+
+def trim_video(path: Path, first: int, count: int) -> None:
+    """Say in an MP4 that players show some of its frames alone, as editors trim it."""
+    data = bytearray(path.read_bytes())
+    (per_second,) = struct.unpack_from(">I", data, _boxes(data, b"moov", b"mvhd")[-1] + 20)
+    at = _boxes(data, b"moov", b"trak", b"edts", b"elst")[-1]
+    struct.pack_into(">II", data, at + 16, round(count * per_second / RATE), first * 512)
+    path.write_bytes(data)
+
+
+def move_index(path: Path) -> None:
+    """Move an MP4's index, which is after the frames, before them, as streams have it."""
+    data = bytearray(path.read_bytes())
+    at = _boxes(data, b"mdat")[-1]
+    index = _boxes(data, b"moov")[-1]
+    size = _size(data, index)
+    places = _boxes(data, b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stco")[-1]
+    for entry in range(struct.unpack_from(">I", data, places + 12)[0]):
+        (place,) = struct.unpack_from(">I", data, places + 16 + 4 * entry)
+        struct.pack_into(">I", data, places + 16 + 4 * entry, place + size)
+    path.write_bytes(data[:at] + data[index : index + size] + data[at:index])
 
 
 def _boxes(data: bytearray, *names: bytes) -> list[int]:

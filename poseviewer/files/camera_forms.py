@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.files.checks import InputFile
+from poseviewer.files.checks import MAX_PX, InputFile
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.frames import HALF_PIXEL, camera_from_integer_centres
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel
@@ -33,7 +33,9 @@ ALIASES = {
     "imagesize": "imgsize resolution", "width": "imagewidth imgwidth",
     "height": "imageheight imgheight", "isfisheye": "fisheyemodel fisheye",
     "distortionmodel": "distortiontype", "model": "lensmodel", "cameramodel": "projectionmodel",
-    "cx": "ppx", "cy": "ppy",
+    "cx": "ppx", "cy": "ppy", "offsetx": "xoffset roix roixoffset cropx cropoffsetx windowx",
+    "offsety": "yoffset roiy roiyoffset cropy cropoffsety windowy",
+    "roi": "crop croproi cropwindow cropbox window sensorwindow regionofinterest",
 }  # fmt: skip
 """Names of a camera's numbers, in small letters without ``_``; others keep their own."""
 FIELDS = {a: name for name, aliases in ALIASES.items() for a in (name, *aliases.split())}
@@ -41,14 +43,18 @@ MODEL_FIELDS = ("distortionmodel", "model", "cameramodel")
 """Fields that name a lens model and nothing else, the surest first."""
 NUMBERED = ("matrix", "distortion", "imagesize", "width", "height", *MODEL_FIELDS)
 """Fields whose names may end in a number, which tells the cameras of a file apart."""
+WINDOW_SIDES = (
+    ("offsetx", "x", "left", "x0"), ("offsety", "y", "top", "y0"), ("width", "w"), ("height", "h"),
+)  # fmt: skip
+"""Fields of a window of the sensor: its corner and its size."""
 MERGED = ("matrix", "intrinsics", "distortion", "imagesize", "lens")
 """Mappings that say more of the camera that they stand in, if they are none themselves."""
 UNNAMED = (
     "calibration", "camera", "camera_info", "intrinsics", "intrinsic_settings", "sensor", "sensors",
-    "value", "ptr_wrapper", "data", "value0",
+    "value", "ptr_wrapper", "data", "value0", "model",
 )  # fmt: skip
 """Mappings whose names tell no cameras apart."""
-LABELS = ("label", "file_path", "#name", "name", "intrinsicId", "id", "key")
+LABELS = ("label", "file_path", "#name", "name", "intrinsicId", "id", "key", "type")
 """Keys of what an entry of a list is called."""
 SHORT = "(?!.{64})"
 """Start of a pattern that tries all parts of a name: those in use have fewer letters."""
@@ -82,16 +88,29 @@ OTHER_LENS = re.compile(
     r"|ftheta|panoram|cylind|superview|hyperview).*|mei|kb\d?|ds|fov|atan"
 )
 """Names, likewise, of lens models but OpenCV's standard one."""
+OF_CAMERA = re.compile("(camera|cam|lens|projection|distortion|undistortion|intrinsics?|)type")
+"""Names, likewise, of what says a lens model, unless its word is one of ``ANY_CAMERA``."""
+ANY_CAMERA = re.compile(
+    r"(?i:camera|rgb|colou?r|gr[ae]y|mono|stereo|depth|infra|sensor|left|right|cam\b|^ir$)"
+)
+MAYBE_OPENCV = re.compile(r"fish|equidist|kannala|kb")
+"""Parts of a lens model's name that may be OpenCV's fisheye, if the user says so."""
 FISHEYE_LIKE = re.compile(r"fish|equidist|kannala")
 """Parts of a key that say of the numbers below it that they are a fisheye's."""
 OPENCV_ORDER = "k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4"
+COUNTS_OF_LENSES = (5, 8, 14)
+"""Counts of OpenCV's coefficients that a list of anything else seldom has."""
+OTHER_LETTERS = ("k1 k2 r1 r2", "r1 r2 t1 t2 r3")
+"""OpenCV's first coefficients in the letters of REMODE and Pix4D, where a file has all of them."""
 LENS_NAMES: dict[LensModel | None, str] = {
     "opencv": "plumbbob rationalpolynomial opencv fullopencv pinhole simplepinhole standard radtan "
     "radtan8 pinholeradtan pinholeradtan8 radialtangential brownconrady brown radial simpleradial "
-    "perspective frame radial1 radial3 radialk1 radialk3 opencvstandard",
+    "perspective frame radial1 radial3 radialk1 radialk3 opencvstandard "
+    "perspectiveprojwithdistortion",
     "fisheye": "fisheye equidistant equi pinholeequi opencvfisheye fisheyeopencv kannalabrandt "
-    "kannalabrandt4 kannalabrandt8 kb4 fisheye4",
-    None: "none rectified inversebrownconrady modifiedbrownconrady",
+    "kannalabrandt4 kannalabrandt8 kb4 kb8 fisheye4",
+    None: "none rectified inversebrownconrady modifiedbrownconrady "
+    "perspectiveprojwithoutdistortion",
 }
 """OpenCV's model by the names of others; None: a pinhole, whose coefficients have to be 0."""
 PINHOLES = ("pinhole", "simplepinhole", "perspective", "frame", "standard")
@@ -108,10 +127,28 @@ LENS_LIKE = re.compile(
 NOT_STANDARD = ("p1", "p2", "k5", "k6")
 """Names of coefficients, of which a fisheye of ``k1 k2 k3 k4`` has none."""
 ASK_MODEL = "choose opencv or fisheye with `Calibration.lens_model`"
-COUNTS_OF_LENSES = (5, 8, 14)
-"""Counts of OpenCV's coefficients that a list of anything else seldom has."""
+MAX_KEY = 64
+"""Letters of the names that are looked at."""
+HARMLESS = re.compile(
+    r"w|h|r|t|q|x|y|z|id|index|.*(pose|rot|trans|extrin|rvec|tvec|quat|orient|angle|posit|locat|"
+    r"matrix|imu|axis|gravity|heading|pitch|roll|yaw|alt|rectif|project|"
+    r"size|width|height|resol|dimension|shape|row|col|pixel|pitch|sensor|crop|binning|roi|offset|"
+    r"error|rms|std|sigma|covar|residual|uncert|variance|score|conf|accuracy|"
+    r"board|square|marker|pattern|corner|point|grid|tag|"
+    r"time|date|stamp|fps|rate|frame|expos|shutter|iso|gain|gamma|aperture|fnum|white|vignet|noise|"
+    r"depth|baseline|bf|near|far|plane|scale|unit|scene|bound|aabb|fov|focal|radius|ratio|factor|"
+    r"sharp|blur|bright|contrast|satur|hue|black|sensitiv|quality|weight|mean|median|min|max|mode|"
+    r"temp|pressure|humid|gps|lat|lon|lng|dop|elev|azim|velocity|speed|accel|gyro|bias|"
+    r"version|count|num|flag|seq|iter|level|thres|seed|serial|id|label|name|bit|channel|layer).*"
+)
+"""Names, in small letters without ``_``, of numbers of a camera that are none of its lens."""
 SIDED = re.compile(SHORT + r"(left|right)?(.*?)(left|right|\d*)")
 """A name between what tells the cameras of a file apart."""
+
+
+def _off_middle(cx: float, cy: float, size: tuple[int, int]) -> float:
+    """Return the distance of a principal point from the middle of pictures, in their sides."""
+    return abs(cx / (size[0] or 1) - 0.5) + abs(cy / (size[1] or 1) - 0.5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,6 +213,7 @@ class _Fields:
                 if isinstance(text, str) and text:
                     self.used[key] = None
                     is_sure = name in MODEL_FIELDS or form.tools in TYPED
+                    is_sure |= bool(OF_CAMERA.fullmatch(name)) and not ANY_CAMERA.search(text)
                     is_sure &= fields is self.entries or name == MODEL_FIELDS[0]
                     yield text, is_sure
 
@@ -199,12 +237,51 @@ class _Fields:
             found = " and ".join(f"{w}x{h} px ({key})" for key, (w, h) in sizes.items())
             raise self.file.error(f"its pictures have {found}", "leave out all but one")
         self.used.update(dict.fromkeys([key] if key else []))
-        off, off_turned = (
-            abs(cx / (w or 1) - 0.5) + abs(cy / (h or 1) - 0.5) for w, h in (size, size[::-1])
-        )
+        off, off_turned = (_off_middle(cx, cy, own) for own in (size, (size[1], size[0])))
         is_open = ", " not in key if key else self.is_turned
         is_turned = is_open and bool(cx or cy) and off_turned < off
         return (size[1], size[0]) if is_turned else size
+
+    def window(
+        self, size: tuple[int, int], cx: float, cy: float
+    ) -> tuple[int, int, tuple[int, int]]:
+        """Return x and y (px) of the window of a sensor that the photo is, and its size.
+
+        The principal point tells whether a camera of the window's size is that of the sensor.
+        """
+        keys, x, y, window = self._said_window(size)
+        if not keys or (window != size == self.photo) or ((x, y) == (0, 0) and window == size):
+            return 0, 0, size
+        if 0 in window:
+            wanted = "wanted image_width and image_height"
+            raise self.file.error(f"{keys[0]!r} is of a window without size", wanted)
+        if window == size and _off_middle(cx, cy, size) <= _off_middle(cx - x, cy - y, size):
+            return 0, 0, size
+        self.used.update(dict.fromkeys(keys))
+        return x, y, window
+
+    def _said_window(self, size: tuple[int, int]) -> tuple[list[str], int, int, tuple[int, int]]:
+        """Return the keys of a window of the sensor, its corner, and its size."""
+        key, said = self.entries.get("roi", ("", None))
+        if isinstance(said, list) and len(numbers := _numbers_in(said)) == 4:
+            x, y, right, bottom = map(int, numbers)
+            for window in ((right, bottom), (right - x, bottom - y)):
+                if window == self.photo:  # any other may be of the pixels that a lens leaves
+                    return [key], x, y, window
+        if isinstance(said, dict):
+            keys, own = [key], {FIELDS.get(_plain(k), _plain(k)): n for k, n in said.items()}
+        else:
+            flat = {n: self.entries[n] for n in ("offsetx", "offsety") if n in self}
+            keys, own = [k for k, _ in flat.values()], {n: value for n, (_, value) in flat.items()}
+        x, y, *sides = (
+            int(self.file.number(next((own[n] for n in names if n in own), 0), names[0], MAX_PX))
+            for names in WINDOW_SIDES
+        )
+        if all(sides):
+            return keys, x, y, (sides[0], sides[1])
+        width, height = self.photo
+        is_part = 0 < width <= size[0] - x and 0 < height <= size[1] - y
+        return keys if x or y else [], x, y, self.photo if is_part else size
 
     def _pair(self, key: str, value: Any) -> tuple[int, int]:
         numbers = _numbers_in(value)
@@ -298,6 +375,11 @@ def _reality_capture(fields: _Fields) -> Any:
     return _from_middle(fields, focal, focal, x, y)
 
 
+def _visp(fields: _Fields) -> Any:
+    fields.value("kdu")  # the lens undone, which the other direction says as well
+    return tuple(fields.number(name) for name in ("px", "py", "u0", "v0"))
+
+
 def _nerf(fields: _Fields) -> Any:
     focals, centre = [], []
     for side, axis in zip(fields.size(), "xy", strict=True):
@@ -328,6 +410,7 @@ FORMS = (
     Form("RealSense, BOP", ("fx", "fy", "cx", "cy"), _of_names),
     Form("nerfstudio", ("flx", "cx", "cy"), _of_names, 0.0, "k1 k2 p1 p2 k3", True),
     Form("RealityCapture", ("f", "px", "py"), _reality_capture, 0.0, "k1 k2 p1 p2 k3", True),
+    Form("ViSP", ("px", "py", "u0", "v0"), _visp, lens="kud k2 p1 p2 k3"),
     Form("Metashape", ("f", "cx", "cy", "width"), _metashape, 0.0, "k1 k2 p2 p1 k3", True),
     *(Form("Meshroom", ("principalpoint", *focal, "width"), _meshroom, 0.0, is_of_stored=True)
       for focal in (("focallength", "sensorwidth"), ("pxfocallength",))),
@@ -342,7 +425,7 @@ FORMS = (
 
 
 READ = (
-    ("OpenCV, NumPy, Pupil Labs", ".yml .yaml .xml .json .npz",
+    ("OpenCV, NumPy, Pupil Labs, Pix4D, REMODE", ".yml .yaml .xml .json .npz",
      "camera_matrix, K, mtx, M1 ... or fx fy cx cy; distortion_coefficients, dist, D, kc ... or "
      "k1 k2 p1 p2 k3 ...; image_width, image_size, resX, DIM ..."),
     ("a 3x3 matrix", ".txt .npy .json", "fx 0 cx, 0 fy cy, 0 0 1"),
@@ -360,6 +443,7 @@ READ = (
     ("OpenMVG", "sfm_data.json", "pinhole, radial, brown, fisheye"),
     ("Metashape, Meshroom, RealityCapture, fSpy", ".xml .sfm .csv .json", "frames and fisheyes"),
     ("Gyroflow", ".json", "fisheye_params"),
+    ("ViSP", ".xml .json", "px py u0 v0; kud"),
 )  # fmt: skip
 
 
@@ -381,17 +465,16 @@ def cameras_in(
             that is not said, or is said by a key that no form has.
     """
     cameras = []
-    known = []
+    known = list[tuple[Any, Any, bool]]()
     used = set[str]()
     is_sized = True
     if isinstance(data, list):
         data = {"cameras" if data and isinstance(data[0], dict) else "camera_matrix": data}
     for path, mapping, above in _mappings(_nest_dotted(data), (), MAX_DEPTH, {}):
-        of_number = _entries_of(mapping)
+        of_number, count = _entries_of(mapping), len(cameras)
         shared = of_number.get("", {}).copy()
         for name in ("matrix", "distortion"):
             shared.pop(name, None)
-        known += mapping.items()
         cameras_here = {n: e for n, e in of_number.items() if n == "" or "matrix" in e}
         _check_shared(shared, len(cameras_here))
         for number, entries in cameras_here.items():
@@ -401,20 +484,23 @@ def cameras_in(
                 name = "-".join(part for part in (path, number) if part)
                 fx, fy, cx, cy = form.pinhole(own)
                 size = own.size(cx, cy)
+                x, y, size = own.window(size, cx, cy)
                 is_sized &= bool(own.sizes)
-                camera = Perspective(fx, fy, cx + form.shift, cy + form.shift, *size)
+                camera = Perspective(fx, fy, cx - x + form.shift, cy - y + form.shift, *size)
                 lens, photos = _lens(own, form, lens_model), {re.split(r"[/\\]", name)[-1]} - {""}
                 read = f"{', '.join(own.used)} (as {form.tools})"
                 more = frozenset(photos), read, form.is_of_stored
                 cameras.append(FileCamera(name, camera, lens, *more))
                 used |= own.used.keys()
+        is_own = len(cameras) > count
+        known += [(key, value, is_own) for key, value in mapping.items()]
     if not cameras:
         keys = ", ".join(str(key)[:20] for key in data) if isinstance(data, dict) else ""
         wanted = f"read are those of {', '.join(tools for tools, *_ in READ)}"
         wanted += "; the docs' page Cameras lists their keys"
         raise file.error(f"no camera in it (its keys: {keys[:80] or 'none'})", wanted)
     is_bare = len(cameras) == 1 and cameras[0].lens is None
-    for key, value in known:
+    for key, value, is_own in known:
         plain, is_list = _plain(key), _is_matrix(value)
         if not is_sized and key not in used and MAYBE_SIZE.fullmatch(plain) and _sides(value):
             found = f"{key!r} may be the size of its pictures, and is not known here"
@@ -426,11 +512,15 @@ def cameras_in(
         like = LENS_LIKE.fullmatch(plain)
         is_word = "fish" in plain or plain == "lens"  # what stands for no number
         may_be = like and not (like["alone"] if is_list else is_word)
-        numbers = value[0] if isinstance(value, list) and len(value) == 1 else value
-        is_flat = isinstance(numbers, list) and not any(isinstance(n, list) for n in numbers)
-        has_their_count = is_flat and len(numbers) in COUNTS_OF_LENSES and "time" not in plain
-        if (may_be or (is_bare and has_their_count)) and _is_number(value):
+        if isinstance(value, dict) and not is_list:
+            is_alone = is_own and used.isdisjoint(value) and not HARMLESS.fullmatch(plain)
+            may_be = may_be or is_alone
+            value = [n for k, n in value.items() if k not in used and not _is_harmless(k, n)]
+        elif is_own or (is_bare and is_list and len(_numbers_in(value)) in COUNTS_OF_LENSES):
+            may_be = may_be or not _is_harmless(key, value)
+        if may_be and _is_number(value):
             wanted = "wanted distortion_coefficients, or k1, k2, p1, p2, k3 ..."
+            wanted += "; if it is none, leave it out of a copy of the file"
             raise file.error(f"{key!r} may be a lens, and is not known here", wanted)
     return cameras
 
@@ -450,6 +540,16 @@ def _nest_dotted(data: Any) -> Any:
         if not is_dotted or (head == "Camera" and name in ("type", "width", "height")):
             tree[name if is_dotted else key] = value
     return tree or data
+
+
+def _is_harmless(key: Any, value: Any) -> bool:
+    """Tell whether an entry of a camera that no form reads is surely none of its lens."""
+    plain = _plain(key)
+    if isinstance(value, bool | dict) or len(plain) > MAX_KEY or HARMLESS.fullmatch(plain):
+        return True
+    numbers = _numbers_in(value)
+    is_count = all(number >= 0.0 and number.is_integer() for number in numbers)
+    return is_count or (_is_matrix(value) and len(numbers) in (9, 12, 16))
 
 
 def _is_number(value: Any) -> bool:
@@ -562,8 +662,9 @@ def _mappings(
 
 def _entries_of(mapping: dict[str, Any]) -> dict[str, dict[str, tuple[str, Any]]]:
     of_number: dict[str, dict[str, tuple[str, Any]]] = {}
+    prefix = "cam" if "cam_fx" in mapping else ""  # REMODE's
     for key, value in mapping.items():
-        plain = _plain(key)
+        plain = _plain(key).removeprefix(prefix)
         if value in (None, []):
             continue
         name, number = _size_field(plain, value) or FIELDS.get(plain, plain), ""
@@ -586,7 +687,9 @@ def _entries_of(mapping: dict[str, Any]) -> dict[str, dict[str, tuple[str, Any]]
     return of_number
 
 
-def _lens_model(fields: _Fields, form: Form) -> tuple[bool, LensModel | None]:
+def _lens_model(
+    fields: _Fields, form: Form, asked: LensModel | None
+) -> tuple[bool, LensModel | None]:
     """Tell whether the file says the model of a lens, and which; None: it has to have none."""
     marks = [f["isfisheye"] for f in (fields.entries, fields.above) if "isfisheye" in f]
     marks = [(key, mark) for key, mark in marks if not isinstance(mark, dict | list)]
@@ -605,7 +708,11 @@ def _lens_model(fields: _Fields, form: Form) -> tuple[bool, LensModel | None]:
             if LENS_MODELS[plain] or is_sure:
                 return True, LENS_MODELS[plain]
         elif OTHER_LENS.fullmatch(plain) or (is_sure and plain not in PINHOLES):
+            is_other = OTHER_LENS.fullmatch(plain) and not MAYBE_OPENCV.search(plain)
+            if asked and not is_other:
+                continue
             wanted = "wanted OpenCV's standard or fisheye model"
+            wanted += "" if is_other else f"; if it is one of them, {ASK_MODEL}"
             raise fields.file.error(f"its lens model is {text[:40]!r}", wanted)
     if "named" in fields or "named" in fields.above:
         return True, "fisheye"
@@ -613,7 +720,7 @@ def _lens_model(fields: _Fields, form: Form) -> tuple[bool, LensModel | None]:
 
 
 def _lens(fields: _Fields, form: Form, asked: LensModel | None) -> Lens | None:
-    is_said, model = _lens_model(fields, form)
+    is_said, model = _lens_model(fields, form, asked)
     if asked not in (None, model) and is_said:
         found = f"its lens is said to be of the model {model or 'none'!r}"
         raise fields.file.error(found, f"lens model {asked!r} is for files that do not say it")
@@ -634,7 +741,9 @@ def _lens(fields: _Fields, form: Form, asked: LensModel | None) -> Lens | None:
         k1, k2, *k3 = fields.numbers("radial")
         values, is_clear = [k1, k2, *(fields.numbers("tangential") or [0.0, 0.0]), *k3], True
     else:
-        order = ("k1 k2 k3 k4" if model == "fisheye" else form.lens).split()
+        others = (own for own in OTHER_LETTERS if all(name in fields for name in own.split()))
+        order = "k1 k2 k3 k4" if model == "fisheye" else next(others, form.lens)
+        order = order.split()
         values = [fields.number(name, 0.0) for name in order]
         count = next(count for count in (5, 8, 12) if not any(values[count:]))
         values = values[:count] if any(name in fields for name in order) else []

@@ -17,6 +17,8 @@ KIND = "file of cameras"
 MAX_HEAD_LETTERS = 2000
 COLMAP_LIKE = re.compile(rb"^[^\S\n]*+\d++\s++[A-Z_]++\s++\d++\s++\d", re.MULTILINE)
 """A line of COLMAP's cameras: number, model, width and height."""
+FAR_OFF = 0.3
+"""Offset of a principal point, in the photo's sides, that lenses which shift do not reach."""
 MIN_FOCAL = 0.02
 """Focal length in widths of the photo, which then shows 175 degrees."""
 
@@ -44,6 +46,8 @@ def load_cameras(
             cameras = cameras_in(file, load_tree(file), lens_model, photo, is_turned)
         else:
             wanted = f"wanted {', '.join(TREES)} or .bin"
+            if ending == ".xmp":
+                wanted = "of RealityCapture export internal and external parameters as CSV"
             raise file.error(f"its ending is {ending or 'missing'}", wanted)
         return [replace(entry, camera=check_camera(file, entry.camera)) for entry in cameras]
 
@@ -91,7 +95,8 @@ def load_calibration(
     file = InputFile(choice.path, error_type=CalibrationFileError)
     stored = (height, width) if orientation > 4 else (width, height)
     cameras = load_cameras(choice.path, choice.lens_model, stored, orientation > 4)
-    chosen, notes = _choose_camera(file, choice, cameras, photo, stored), ()
+    chosen = _choose_camera(file, choice, cameras, photo, stored)
+    notes = tuple[str, ...]()
     if orientation != UPRIGHT:
         taken, chosen = chosen, _upright(file, chosen, orientation, stored)
         turned = "belongs to the stored pixels and was turned with it"
@@ -104,6 +109,11 @@ def load_calibration(
         raise file.error(f"{said} the photo's {size}", "calibrate on pictures of the photo's size")
     if camera.fx < MIN_FOCAL * camera.width:
         raise file.error(f"a focal length of {camera.fx:g} px", "wanted px, not sides of a photo")
+    off = (abs(camera.cx / camera.width - 0.5), abs(camera.cy / camera.height - 0.5))
+    if max(off) > FAR_OFF:
+        found = f"its principal point, {camera.cx - 0.5:g}, {camera.cy - 0.5:g}, is far from"
+        asked = "is the photo cut out of a larger one?"
+        notes += (f"{choice.path.name}: {found} the middle of the photo's {size}; {asked}",)
     if (camera.width, camera.height) == (width, height):
         return chosen, notes
     said = f"the camera is for {size}, the photo has {width}x{height} px"

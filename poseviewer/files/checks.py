@@ -5,6 +5,7 @@ import logging
 import math
 import re
 import stat
+import struct
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -57,6 +58,19 @@ LIMITS = {
 }
 """msgspec's limits in words."""
 
+PATTERN = re.compile(r"%\d*d|#{2,}|[*?]|\{:?\d*d?\}")
+"""Placeholders of numbers in names, as renderers and ffmpeg have them."""
+OF_PYTHON = (
+    LookupError, TypeError, AttributeError, ArithmeticError, AssertionError, UnicodeError,
+    StopIteration, RecursionError, NotImplementedError, struct.error, EOFError, ImportError,
+)  # fmt: skip
+"""Errors of a parser that met what it had not expected, whose words say nothing of the file."""
+WORDS_OF_PYTHON = re.compile(
+    "could not convert|invalid literal|to unpack|reshape|buffer|broadcast|inhomogeneous|concatenate"
+    "|dtype|operands|object of type|__"
+)
+"""Words, likewise, of errors of other kinds."""
+
 Value = TypeVar("Value")
 
 _log = logging.getLogger(__name__)
@@ -101,7 +115,10 @@ class InputFile:
         try:
             status = self.path.stat()
         except (FileNotFoundError, ValueError):  # or a name that no file can have
-            raise self.error(f"no such file in {self.path.parent}", "check the path") from None
+            wanted = "check the path"
+            if PATTERN.search(self.path.name):
+                wanted = "name the folder of the images, not a pattern of their names"
+            raise self.error(f"no such file in {self.path.parent}", wanted) from None
         if stat.S_ISDIR(status.st_mode):
             raise self.error("is a folder", wanted)
         if not stat.S_ISREG(status.st_mode):
@@ -137,8 +154,9 @@ class InputFile:
             raise self.error(f"cannot be read ({reason})", "check the file") from error
         except Exception as error:
             _log.debug("reading %s", self.path, exc_info=error)
-            reason = printable(str(error), 120) or type(error).__name__
-            found = f"not a readable {self.kind} ({reason})"
+            is_of_python = isinstance(error, OF_PYTHON) or WORDS_OF_PYTHON.search(str(error))
+            reason = "" if is_of_python else printable(str(error), 120)
+            found = f"not a readable {self.kind}{reason and f' ({reason})'}"
             raise self.error(found, "is it whole? Make it again") from error
 
     def load_bytes(self) -> bytes:
@@ -210,27 +228,20 @@ class InputFile:
         try:
             return msgspec.convert(data, kind)
         except msgspec.ValidationError as error:
-            said, _, place = str(error).removesuffix("`").partition(" - at `$")
-            where = (what + place).lstrip(".")
-            if said.startswith("Object missing"):
-                name = f"{where}.{said.split('`')[1]}".lstrip(".")
-                raise self.error(f"{name} is missing", "wanted it") from None
-            if not said.startswith(("Expected", "Invalid", "Number")):  # a struct's own check
-                found, _, wanted = said.partition("; ")
-                raise self.error(f"{where}{found}".lstrip("."), wanted) from None
-            value: Any = data
-            for key in KEY.findall(place):
-                if key == "..." and isinstance(value, dict):  # any entry of a map
-                    value = next(iter(value.values()))
-                    continue
-                value = value.get(key) if isinstance(value, dict) else value[int(key)]
-            wanted = "one of those in the file's schema"
-            if said.startswith("Expected"):
-                wanted = TYPE.sub(_words, said.removeprefix("Expected ").partition(", got")[0])
-                for limit, words in LIMITS.items():
-                    wanted = wanted.replace(limit, words)
-            found = f"{where or 'its content'} is {kind_of(value)}"
-            raise self.error(found, f"wanted {wanted}") from None
+            raise self._refusal(str(error), data, what) from None
+
+    def _refusal(self, said: str, data: Any, what: str) -> PoseViewerError:
+        """Return the error for what msgspec ``said`` of data: a reason, " - at `$" and a place."""
+        reason, _, place = said.removesuffix("`").partition(" - at `$")
+        where = (what + place).lstrip(".")
+        if reason.startswith("Object missing"):
+            name = f"{where}.{reason.split('`')[1]}".lstrip(".")
+            return self.error(f"{name} is missing", "wanted it")
+        if not reason.startswith(("Expected", "Invalid", "Number")):  # a struct's own check
+            found, _, wanted = reason.partition("; ")
+            return self.error(f"{where}{found}".lstrip("."), wanted)
+        found = f"{where or 'its content'} is {kind_of(_value_at(place, data))}"
+        return self.error(found, f"wanted {_wanted(reason)}")
 
     def _plain(self, value: Any, raw: Sequence[str]) -> Any:
         if isinstance(value, str):
@@ -282,6 +293,28 @@ class InputFile:
         """Check a whole number above 0, or None."""
         kind: Any = Pixels
         return None if value is None else self.decode(value, kind, what)
+
+
+def _value_at(place: str, data: Any) -> Any:
+    """Return the value in JSON data at a place such as ``.poses[0].camera``."""
+    for key in KEY.findall(place):
+        if not isinstance(data, dict):
+            data = data[int(key)]
+        elif key == "...":  # any entry of a map
+            data = next(iter(data.values()))
+        else:
+            data = data.get(key)
+    return data
+
+
+def _wanted(reason: str) -> str:
+    """Say in words what msgspec wanted."""
+    if not reason.startswith("Expected"):
+        return "one of those in the file's schema"
+    wanted = TYPE.sub(_words, reason.removeprefix("Expected ").partition(", got")[0])
+    for limit, words in LIMITS.items():
+        wanted = wanted.replace(limit, words)
+    return wanted
 
 
 def _words(types: re.Match[str]) -> str:

@@ -8,6 +8,7 @@ from typing import IO, Any
 
 import numpy as np
 
+from poseviewer.errors import printable
 from poseviewer.files.checks import InputFile, rotation_of
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import COEFFICIENTS, Lens, LensModel
@@ -86,10 +87,13 @@ def _camera_rows(file: InputFile) -> list[list[str]]:
         if file.path.suffix != ".bin":
             return [line.split() for line in map(_text, stream) if line]
         rows = []
-        for _ in range(*_take(stream, "<Q")):
-            number, model, width, height = _take(stream, "<IIQQ")
+        for _ in range(*_take(file, stream, "<Q")):
+            number, model, width, height = _take(file, stream, "<IIQQ")
+            if model >= len(MODELS):
+                wanted = f"wanted COLMAP's numbers up to {len(MODELS) - 1}"
+                raise file.error(f"camera {number} is of model {model}", wanted)
             name, (focals, more, _) = list(MODELS.items())[model]
-            numbers = _take(stream, f"<{focals + 2 + more}d")
+            numbers = _take(file, stream, f"<{focals + 2 + more}d")
             rows.append([str(number), name, str(width), str(height), *map(repr, numbers)])
         return rows
 
@@ -99,24 +103,52 @@ def _image_rows(file: InputFile) -> list[list[str]]:
     file, rows = replace(file, largest=MAX_FILE_BYTES), []
     with file.naming_errors(), file.open() as stream:
         if file.path.suffix != ".bin":
+            is_of_points = False
             for line in stream:
-                if words := _text(line):
+                is_of_points = is_of_points and not _is_image(line)  # some leave out empty ones
+                if not is_of_points and (words := _text(line)):
                     rows.append(words.split(maxsplit=9))
-                    next(stream, None)  # its points
+                    is_of_points = True
+                else:
+                    is_of_points = False
             return rows
-        for _ in range(*_take(stream, "<Q")):
-            number, *pose, camera = _take(stream, "<I7dI")
+        size = file.path.stat().st_size
+        for _ in range(*_take(file, stream, "<Q")):
+            number, *pose, camera = _take(file, stream, "<I7dI")
             start = stream.tell()
             name, end, _ = stream.read(MAX_NAME_LETTERS).partition(b"\0")
             stream.seek(start + len(name + end))
-            (points,) = _take(stream, "<Q")
+            text, points = name.decode(errors="replace"), 0
+            is_name = bool(end and text) and text.isprintable() and "\ufffd" not in text
+            if is_name:
+                (points,) = _take(file, stream, "<Q")
+            if not is_name or stream.tell() + points * POINT_BYTES > size:
+                found = f"its image {number} has the name {printable(text, 40)!r}"
+                found += f" and {points:,} points" if is_name else ""
+                wanted = "wanted COLMAP's images.bin, of names that end in a zero; or images.txt"
+                raise file.error(found, wanted)
             stream.seek(points * POINT_BYTES, SEEK_CUR)
-            rows.append([str(number), *map(repr, pose), str(camera), name.decode()])
+            rows.append([str(number), *map(repr, pose), str(camera), text])
         return rows
 
 
-def _take(file: IO[bytes], form: str) -> tuple[Any, ...]:
-    return struct.unpack(form, file.read(struct.calcsize(form)))
+def _is_image(line: bytes) -> bool:
+    """Tell whether a line is of an image: one of points has x, y and a number for each."""
+    words = line.split(maxsplit=10)
+    if len(words) <= 10:
+        return len(words) == 10
+    try:
+        float(words[9])
+    except ValueError:
+        return True
+    return False
+
+
+def _take(file: InputFile, stream: IO[bytes], form: str) -> tuple[Any, ...]:
+    data = stream.read(count := struct.calcsize(form))
+    if len(data) < count:
+        raise file.error("it ends too early", "wanted the whole file, copy it again")
+    return struct.unpack(form, data)
 
 
 def _text(line: bytes) -> str:

@@ -8,12 +8,14 @@ from typing import Any
 import cv2
 import numpy as np
 from msgspec import structs
+from numpy.typing import NDArray
 from PIL import Image
 
 from poseviewer.errors import PhotoFileError, PoseFileError
-from poseviewer.files.checks import InputFile
+from poseviewer.files.annotations import annotated_pixels
+from poseviewer.files.checks import InputFile, quiet_libraries
 from poseviewer.files.mesh.named import bare_name
-from poseviewer.files.photo import load_photo
+from poseviewer.files.photo import load_alpha, load_photo
 from poseviewer.files.pose import PoseRecord, pose_bytes
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.mask import Mask
@@ -22,8 +24,15 @@ INLINE = "data:image/png;base64,"
 """Start of a mask that stands in a scene's file itself."""
 
 
-def load_mask(path: str | Path, size: tuple[int, int] | None = None) -> Mask:
-    """Load the mask in a picture, or in a text of ``mask_text``, of ``size`` (width, height)."""
+def load_mask(path: str | Path, size: tuple[int, int] | None = None, photo: str = "") -> Mask:
+    """Load a mask: a picture, its transparency where that varies; an array; an annotation; or a
+    text of ``mask_text``.
+
+    Args:
+        path: the file, or the text.
+        size: width and height that it has to have, px.
+        photo: name of the photo, which an annotation may be of.
+    """
     is_inline = str(path).startswith(INLINE)
     file = InputFile(Path("a mask" if is_inline else path), [], PhotoFileError, "mask")
     if is_inline:
@@ -31,13 +40,56 @@ def load_mask(path: str | Path, size: tuple[int, int] | None = None) -> Mask:
             data = b64decode(str(path)[len(INLINE) :], validate=True)
             pixels = np.asarray(Image.open(BytesIO(data), formats=("PNG",)))
             weights = pixels * np.float32(1.0 / np.iinfo(pixels.dtype).max)
+    elif file.path.suffix.lower() == ".json":
+        weights = annotated_pixels(file, photo)
+    elif file.path.suffix.lower() == ".npy":
+        weights = _of_array(file)
     else:
-        weights = np.minimum(load_photo(path).grey(), 1.0)  # a sum of colours may end just above it
+        weights = _of_picture(file)
     height, width = weights.shape
     if size not in (None, (width, height)):
         found = f"the mask has {width}x{height} px, the photo {size[0]}x{size[1]} px"
         raise file.error(found, "save the mask in the photo's size")
     return Mask.of(weights)
+
+
+def mask_note(mask: Mask, name: str) -> str:
+    """Say that a mask hides nothing, or everything; "": it hides a part."""
+    low, high = float(mask.weights.min()), float(mask.weights.max())
+    if high == 0.0:
+        return f"{name}: the mask hides the whole photo; white is what counts."
+    return f"{name}: the mask hides nothing." if low == high else ""
+
+
+def _of_picture(file: InputFile) -> NDArray[np.float32]:
+    photo = load_photo(file.path)
+    weights = np.minimum(photo.grey(), 1.0)  # a sum of colours may end just above it
+    alpha = load_alpha(file.path)
+    if alpha is not None and np.ptp(alpha) > 0.0:
+        if not np.any(weights[alpha == alpha.max()]):
+            found = "black where it is opaque, and transparent elsewhere"
+            raise file.error(found, "save it in black and white without transparency")
+        return alpha
+    values = np.unique(weights)
+    is_of_two = len(values) == 2 and values[0] == 0.0  # such as 0 and 1 of 255
+    return (weights > 0.0).astype(np.float32) if is_of_two else weights
+
+
+def _of_array(file: InputFile) -> NDArray[np.float32]:
+    with file.naming_errors(), quiet_libraries():
+        file.check_size()
+        # Mapped, so that a head which says more than there is takes no memory.
+        values = np.squeeze(np.load(file.path, mmap_mode="r", allow_pickle=False))
+    if values.ndim != 2 or values.dtype.kind not in "biuf":
+        found = f"an array of shape {values.shape} and type {values.dtype}"
+        raise file.error(found, "wanted a number for each pixel (height, width)")
+    top = 1.0
+    if not np.all((values >= 0) & (values <= 1)):  # or it holds what is no number
+        top = np.iinfo(values.dtype).max if values.dtype.kind in "iu" else 255.0
+        if not np.all((values >= 0) & (values <= top)):
+            found = "an array of numbers below 0 or above 255, or of none"
+            raise file.error(found, "wanted them from 0 to 1, or to 255")
+    return values.astype(np.float32) / np.float32(top)
 
 
 def mask_text(mask: Mask | None) -> str | None:

@@ -2,8 +2,10 @@
 
 import hashlib
 import re
+import struct
+from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -23,6 +25,7 @@ from poseviewer.files.structs import Distortion
 from poseviewer.files.writing import write_whole
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import MAX_SIDE_PX, UPRIGHT, Undistortion, undistort
+from poseviewer.processes import memory_bytes
 
 HEIC_ENDINGS = (".heic", ".heif")
 ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", *HEIC_ENDINGS)
@@ -35,7 +38,18 @@ IN_PLANES = 2
 """Value of ``PlanarConfiguration``: each colour has a plane of its own."""
 REDUCED = 1
 """Value of ``NewSubfileType`` of a preview, as that of raw files is."""
+NO_PAGE = 1 | 4
+"""Values of ``NewSubfileType`` of previews and masks."""
+PAGED = ("TIFF", "WEBP", "PNG")
+"""Formats of several pictures; a phone's JPEG holds a map of brightness beside its picture."""
+PAGED_ENDINGS = (".tif", ".tiff", ".webp", ".png")
+OF_PAGES = OSError, SyntaxError, ValueError, TypeError, LookupError, ArithmeticError, struct.error
+"""Errors of damaged pages, whose picture before them is whole."""
+MAX_PAGES = 1000
+"""Pages of a TIFF that are counted."""
 MAX_MEGAPIXELS = 100.0
+FRAME_BYTES_PER_PX = 100
+"""Memory of a process that tracks, for each px of a frame: 9.3 GB were taken at 96 megapixels."""
 ROWS = 256
 """Rows of pixels that are turned from BGR to RGB at a time."""
 MAX_SCANS = 100
@@ -61,8 +75,27 @@ def load_photo(path: str | Path) -> Photo:
         pixels = np.ascontiguousarray(pixels)
         pixels.flags.writeable = False
         sha256 = hashlib.sha256(data).hexdigest()
+        pages = 1 if is_heic else _count_pages(data)
     notes = ("Its transparency is left out.",) if is_transparent else ()
+    notes += (f"The first of its {pages:,} pictures is used.",) if pages > 1 else ()
     return Photo(pixels, printable(file.path.name), sha256, focal, notes)
+
+
+def load_alpha(path: str | Path) -> NDArray[np.float32] | None:
+    """Opacity (height, width), from 0 to 1, of a picture that ``load_photo`` reads, upright; None
+    for one without.
+    """
+    file = _photo_input(path)
+    if file.path.suffix.lower() in HEIC_ENDINGS:
+        return None
+    with (
+        file.naming_errors(), quiet_libraries(), file.open() as stream,
+        Image.open(stream, formats=FORMATS) as image,
+    ):  # fmt: skip
+        if not image.has_transparency_data:
+            return None
+        upright = ImageOps.exif_transpose(image).convert("RGBA")
+        return np.asarray(upright)[..., 3].astype(np.float32) / np.float32(255.0)
 
 
 def orientation_of(path: str | Path) -> int:
@@ -71,8 +104,23 @@ def orientation_of(path: str | Path) -> int:
     return number if number in range(1, 9) else UPRIGHT
 
 
-def photo_size(path: str | Path) -> tuple[int, int, int]:
-    """Read width and height (px) of a photo, upright, and EXIF's orientation: the header alone.
+@dataclass(frozen=True, slots=True)
+class PhotoHeader:
+    """Header of a photo."""
+
+    width: int
+    height: int
+    """Upright, px."""
+    orientation: int
+    """EXIF's, from 1 to 8."""
+    has_colour: bool = True
+    """Whether its pixels may differ in more than brightness."""
+    bits: int = 8
+    """Bits of a pixel's value."""
+
+
+def load_header(path: str | Path) -> PhotoHeader:
+    """Read the header of a photo, and nothing else.
 
     Raises:
         PhotoFileError: it is not a picture that can be read, or is too large.
@@ -81,18 +129,20 @@ def photo_size(path: str | Path) -> tuple[int, int, int]:
     with file.naming_errors(), quiet_libraries(), file.open() as stream:
         if file.path.suffix.lower() in HEIC_ENDINGS:
             photo = load_photo(path)
-            return photo.width, photo.height, UPRIGHT
+            return PhotoHeader(photo.width, photo.height, UPRIGHT)
         try:
             with Image.open(stream, formats=FORMATS) as image:
                 is_late = image.format == "PNG" and "exif" not in image.info  # getexif decodes it
                 size, exif = image.size, Image.Exif() if is_late else image.getexif()
+                mode = image.mode
         except UnidentifiedImageError:
             raise file.error("not a picture that can be read", "wanted a whole one") from None
         refuse_size(file, *size)
     orientation = exif.get(Tag.Orientation, UPRIGHT)
     orientation = orientation if orientation in range(1, 9) else UPRIGHT
     width, height = size[::-1] if orientation > 4 else size
-    return width, height, orientation
+    has_colour = mode not in ("1", "L", "LA", "P", "PA") and mode[0] not in "IF"
+    return PhotoHeader(width, height, orientation, has_colour, 16 if mode[0] in "IF" else 8)
 
 
 def was_taken_by_a_camera(path: str | Path) -> bool:
@@ -174,6 +224,50 @@ def _decode(file: InputFile, data: bytes) -> tuple[NDArray, float | None, bool]:
     return picture, focal, is_transparent
 
 
+def _count_pages(data: bytes) -> int:
+    with suppress(*OF_PAGES), Image.open(BytesIO(data), formats=FORMATS) as image:
+        return sum(1 for _ in _pages_of(image)) if image.format == "TIFF" else _page_limit(image)
+    return 1
+
+
+def _page_limit(image: Image.Image) -> int:
+    """Count the pictures in a file, with previews and masks."""
+    if image.format not in PAGED or not getattr(image, "is_animated", False):
+        return 1
+    return MAX_PAGES if image.format == "TIFF" else min(getattr(image, "n_frames", 1), MAX_PAGES)
+
+
+def _pages_of(image: Image.Image) -> Iterator[Image.Image]:
+    """Yield a file at each of its pictures in turn, without previews and masks."""
+    with suppress(EOFError):
+        for number in range(_page_limit(image)):
+            image.seek(number)
+            if not getattr(image, "tag_v2", {}).get(Tag.NewSubfileType, 0) & NO_PAGE:
+                yield image
+
+
+def count_pages(path: Path) -> int:
+    """Count the pictures in a file, without previews and masks; 0: it is no picture."""
+    file = _photo_input(path)
+    with suppress(PhotoFileError), file.naming_errors(), quiet_libraries():
+        return _count_pages(file.load_bytes())
+    return 0
+
+
+def iterate_pages(file: InputFile) -> Iterator[tuple[float, NDArray[np.uint8]]]:
+    """Yield the pictures in a file, upright, RGB of 8 bits, with their times in s; 0: not said."""
+    time = 0.0
+    with Image.open(BytesIO(file.load_bytes()), formats=FORMATS) as image:
+        for page in _pages_of(image):
+            refuse_size(file, *page.size)
+            upright = ImageOps.exif_transpose(page)
+            pixels = np.asarray(upright)
+            if pixels.dtype.kind in "iu" and pixels.itemsize > 1:
+                upright = Image.fromarray((pixels >> 8).astype(np.uint8))
+            yield time, np.asarray(upright.convert("RGB"))
+            time += float(page.info.get("duration") or 0.0) / 1000.0
+
+
 def _scans(data: bytes) -> int:
     """Number of a JPEG's scans, each of which is decoded over the whole picture; 0 for others."""
     at, count = 2, 0
@@ -190,6 +284,22 @@ def refuse_size(file: InputFile, width: int, height: int) -> None:
     if width * height > MAX_MEGAPIXELS * 1e6:
         wanted = f"poseviewer takes up to {MAX_MEGAPIXELS:.0f} megapixels, make it smaller first"
         raise file.error(f"{width}x{height} px", wanted)
+
+
+def frame_bytes(width: int, height: int) -> int:
+    """Return the memory, in bytes, that a process which tracks frames of a size takes."""
+    return FRAME_BYTES_PER_PX * width * height
+
+
+def refuse_frames(file: InputFile, width: int, height: int) -> None:
+    """Raise the file's error where frames of ``width`` x ``height`` px are too large to track."""
+    refuse_size(file, width, height)
+    needed, there = frame_bytes(width, height), memory_bytes()
+    if needed > there:
+        found = f"{width}x{height} px, which take {needed / 1e9:.1f} GB of memory to track"
+        raise file.error(
+            found, f"this machine has {there / 1e9:.1f}, make the frames smaller first"
+        )
 
 
 def focal_35mm(exif: Image.Exif, width: int, height: int) -> float | None:

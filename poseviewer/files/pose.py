@@ -15,6 +15,7 @@ from poseviewer.files.checks import InputFile, Number
 from poseviewer.files.symmetry import SymmetryTurns
 from poseviewer.files.writing import json_bytes, write_whole
 from poseviewer.geometry.camera import Pose
+from poseviewer.scene.types import OBJECT_TEXTS
 
 FORMAT: Literal["poseviewer-pose"] = "poseviewer-pose"
 
@@ -71,6 +72,11 @@ class PoseRecord(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
         return structs.replace(self, **{n: getattr(made, n) for n in names}, **changes)
 
     @property
+    def texts(self) -> dict[str, Any]:
+        """Texts that the user has written of the object, by the names of its fields."""
+        return {name: getattr(self, name) for name in OBJECT_TEXTS}
+
+    @property
     def size(self) -> tuple[int, int]:
         """Width and height of the photo (px); 1 where nothing says it."""
         photo = self.photo or s.PhotoReference()
@@ -87,6 +93,10 @@ class PoseRecord(s.CameraRecord, frozen=True, kw_only=True, omit_defaults=True):
         return self.uncertainty and self.uncertainty.about(self.pose)
 
 
+TABLES = (".csv", ".tsv", ".txt", ".trc", ".c3d")
+"""Endings of OptiTrack's and Vicon's files, and of texts of poses."""
+
+
 def load_pose(path: str | Path, width: int | None = None, height: int | None = None) -> PoseRecord:
     """Load the pose in a file, for a photo of ``width`` x ``height`` px or of the file's size.
 
@@ -98,6 +108,9 @@ def load_pose(path: str | Path, width: int | None = None, height: int | None = N
     """
     file = InputFile(Path(path))
     with file.naming_errors():
+        if file.path.suffix.lower() in TABLES:
+            wanted = "wanted a pose file; a 4x4 matrix becomes one with poseviewer convert"
+            raise file.error("a table or a text, such as motion capture exports", wanted)
         data = file.load_object()
         file.require_format(data, FORMAT)
         if data.keys().isdisjoint(("projection", "camera", "camera_from_model")):

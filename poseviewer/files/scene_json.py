@@ -7,8 +7,8 @@ writes, made here from the type's fields. Paths in files start from the scene's 
 import os
 from base64 import b64decode
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, fields, is_dataclass, replace
-from functools import cache, lru_cache, reduce
+from dataclasses import MISSING, Field, fields, is_dataclass, replace
+from functools import cache, lru_cache, partial, reduce
 from importlib.metadata import version
 from operator import or_
 from pathlib import Path
@@ -37,6 +37,8 @@ from poseviewer.scene.assets import ModelFile, PhotoFile
 from poseviewer.scene.settings import FitSettings, settings_as_json, settings_from_json
 from poseviewer.scene.types import (
     DEFAULTS,
+    NOT_IN_FILES,
+    OBJECT_TEXTS,
     ChartParameters,
     Frame,
     FramePose,
@@ -136,9 +138,27 @@ class JsonForm(NamedTuple):
     encode: Callable[[Any], Any]
     decode: Callable[[Any], Any]
 
+    def inside(self, kind: Any, change: Callable[[Callable[[Any], Any], Any], Any]) -> "JsonForm":
+        """Return the form of a type that holds values of this one, in which ``change`` changes each
+        by a function.
+        """
+        return JsonForm(kind, partial(change, self.encode), partial(change, self.decode))
+
 
 def _same(value: Any) -> Any:
     return value
+
+
+def _each(change: Callable[[Any], Any], values: Any) -> Any:
+    return tuple(map(change, values))
+
+
+def _by_key(change: Callable[[Any], Any], values: Any) -> Any:
+    return {key: change(value) for key, value in values.items()}
+
+
+def _unless_none(change: Callable[[Any], Any], value: Any) -> Any:
+    return None if value is None else change(value)
 
 
 FORMS: dict[Any, JsonForm] = {
@@ -182,15 +202,14 @@ DESCRIPTIONS: dict[type, str] = {
         several times; name: for people; start: where the last search began; in_views: one for each
         view, or none; start_cameras: the views' then, where a focal length was another; locked:
         placed by the user, searches leave it; placed: whether anybody has said where it is;
-        without: names of the model's parts that are left out; symmetry: as in pose files; note: the
-        user's.""",
+        without: names of the model's parts that are left out; symmetry: as in pose files.""",
     Frame: """A photo of a sequence, by the view's camera and lens: its time stamp from the first
         frame (s), and the objects' poses by their ids; an object without a pose is left out. mask:
         for all objects, masks: for single ones by their ids, occluders: what a search found in
         front of them; all three in this frame alone, while masks of the view and of objects hold
         for all frames.""",
     FramePose: """Pose of an object in a frame: key, placed by the user, or propagated from keys;
-        stale: a key has changed since; result: as of an object.""",
+        stale: a pose beside it has changed since; result: as of an object.""",
     Scene: """Views times objects; without objects, a set of photos. Camera axes are OpenCV's (x
         right, y down, z forward); pixel centres are at integers; paths start from the scene's
         folder. unit: of the world; free_scale: nothing tells the world's unit in the model's, it is
@@ -215,42 +234,26 @@ def form_of(kind: Any) -> JsonForm:
         return inner._replace(kind=Annotated[inner.kind, *kind.__metadata__])
     if origin is tuple:
         inner = form_of(parts[0])
-
-        def each(change: Callable[[Any], Any]) -> Callable[[Any], Any]:
-            return lambda values: tuple(map(change, values))
-
-        return JsonForm(tuple[inner.kind, ...], each(inner.encode), each(inner.decode))
+        return inner.inside(tuple[inner.kind, ...], _each)
     if origin is Mapping and parts[1] is not Any:
         inner = form_of(parts[1])
-
-        def by_key(change: Callable[[Any], Any]) -> Callable[[Any], Any]:
-            return lambda values: {key: change(value) for key, value in values.items()}
-
-        return JsonForm(dict[str, inner.kind], by_key(inner.encode), by_key(inner.decode))
+        return inner.inside(dict[str, inner.kind], _by_key)
     if origin in (Union, UnionType) and NoneType in parts:
         inner = form_of(reduce(or_, (part for part in parts if part is not NoneType)))
-
-        def unless_none(change: Callable[[Any], Any]) -> Callable[[Any], Any]:
-            return lambda value: None if value is None else change(value)
-
-        return JsonForm(inner.kind | None, unless_none(inner.encode), unless_none(inner.decode))
+        return inner.inside(inner.kind | None, _unless_none)
     return JsonForm(kind, _same, _same)
 
 
 def _form_of_fields(kind: Any) -> JsonForm:
+    """Return the form of a dataclass: a struct of the forms of its fields that are in files."""
     hints = get_type_hints(kind, include_extras=True)
-    forms, made = {}, []
-    for item in fields(kind):
-        key = item.metadata.get("key", item.name)
-        if key is None:
-            continue
-        form = forms[item.name] = form_of(hints[item.name])
-        default = {} if item.default is MISSING else {"default": form.encode(item.default)}
-        if item.default_factory is not MISSING:
-            default = {"default_factory": item.default_factory}
-        made.append((item.name, form.kind, msgspec.field(name=key, **default)))
+    in_files = [item for item in fields(kind) if item.metadata != NOT_IN_FILES]
+    forms = {item.name: form_of(hints[item.name]) for item in in_files}
+    declared = [
+        (item.name, forms[item.name].kind, _declared(item, forms[item.name])) for item in in_files
+    ]
     struct = defstruct(
-        f"{kind.__name__}Json", [*HEADS.get(kind, []), *made], kw_only=True, frozen=True,
+        f"{kind.__name__}Json", [*HEADS.get(kind, []), *declared], kw_only=True, frozen=True,
         omit_defaults=True, namespace={"__doc__": DESCRIPTIONS.get(kind, kind.__doc__)},
     )  # fmt: skip
 
@@ -264,9 +267,19 @@ def _form_of_fields(kind: Any) -> JsonForm:
     return JsonForm(struct, encode, decode)
 
 
+def _declared(item: Field[Any], form: JsonForm) -> Any:
+    """Return a field as its struct declares it, with its name and default in files."""
+    name = item.metadata.get("key", item.name)
+    if item.default_factory is not MISSING:
+        return msgspec.field(name=name, default_factory=item.default_factory)
+    if item.default is not MISSING:
+        return msgspec.field(name=name, default=form.encode(item.default))
+    return msgspec.field(name=name)
+
+
 SceneJson: Any = form_of(Scene).kind
 SearchResultJson: Any = form_of(SearchResult).kind
-OF_OBJECT = ("without", "note")
+OF_OBJECT = ("without", *OBJECT_TEXTS)
 """Fields that objects share with pose files."""
 AS_IN_POSE = ("loss", "unexplained", "verdict", "settings", "notes")
 """Fields that results share with pose files, which are of one view."""
@@ -280,7 +293,7 @@ def _complete(scene: Scene) -> Scene:
             replace(camera, width=view.file.width, height=view.file.height)
             for camera, view in zip(item.start_cameras, scene.views, strict=False)
         )
-        result = _about(scene, item)
+        result = result_in_view(scene, item)
         objects.append(replace(item, start_cameras=cameras, result=result))
     frames = []
     for frame in scene.frames:
@@ -288,13 +301,16 @@ def _complete(scene: Scene) -> Scene:
         file = frame_file(Path(photo.file), scene.views[0], photo.sha256)
         for mask in (frame.mask, *frame.masks.values(), *frame.occluders.values()):
             require_size(mask, file)
-        poses = {name: replace(own, result=_about(scene, own)) for name, own in frame.poses.items()}
+        poses = {
+            name: replace(own, result=result_in_view(scene, own))
+            for name, own in frame.poses.items()
+        }
         frames.append(replace(frame, file=file, poses=poses))
     return replace(scene, objects=tuple(objects), frames=tuple(frames))
 
 
-def _about(scene: Scene, item: SceneObject | FramePose) -> SearchResult | None:
-    """The result with its covariance about the pose in its view."""
+def result_in_view(scene: Scene, item: SceneObject | FramePose) -> SearchResult | None:
+    """Return a result that was read, with its covariance about the pose in its view."""
     result = item.result
     if result is None or not isinstance(result.covariance, s.Uncertainty):
         return result
@@ -303,8 +319,15 @@ def _about(scene: Scene, item: SceneObject | FramePose) -> SearchResult | None:
     return replace(result, view=at, covariance=covariance)
 
 
-def load_scene(path: str | Path, inside: Path | None = None) -> Scene:
-    """Load a scene whose files are there, ``inside`` a folder if one is given, but not yet read.
+def load_scene(
+    path: str | Path, inside: Path | None = None, *, photos_may_miss: bool = False
+) -> Scene:
+    """Load a scene whose files are there, but not yet read.
+
+    Args:
+        path: scene file.
+        inside: folder in which its files have to be; None: anywhere.
+        photos_may_miss: whether photos that are not there are told of only where they are read.
 
     Raises:
         PoseFileError: it is no scene, its parts do not fit together, or it names a file that is not
@@ -315,7 +338,8 @@ def load_scene(path: str | Path, inside: Path | None = None) -> Scene:
 
     def find(name: str, what: str) -> str:
         full, wanted = file.path.parent / name, "drop one folder of the scene with all its files"
-        if not name or not is_there(full):
+        is_known = photos_may_miss and what.endswith("photo.file")
+        if not name or not (is_known or is_there(full)):
             found = f"{what} is {name or 'empty'}, and there is no such file"
             raise file.error(found, f"put it there, seen from the scene; on a page, {wanted}")
         if inside is not None and inside.resolve() not in full.resolve().parents:

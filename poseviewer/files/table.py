@@ -2,7 +2,7 @@
 
 import csv
 from dataclasses import asdict, fields
-from io import StringIO, TextIOWrapper
+from io import StringIO
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -10,7 +10,7 @@ import msgspec
 
 from poseviewer.errors import SettingsError
 from poseviewer.files.checks import MAX_DATA_BYTES, InputFile
-from poseviewer.files.writing import open_to_append, write_whole
+from poseviewer.files.writing import append, write_whole
 
 Row = TypeVar("Row")
 
@@ -36,9 +36,9 @@ def append_row(path: Path, row: Any) -> None:
     Raises:
         OSError: the file cannot be written.
     """
-    values = asdict(row)
-    with TextIOWrapper(open_to_append(path), encoding="utf-8", newline="") as file:
-        table = csv.DictWriter(file, values, lineterminator="\n")
-        if not file.tell():
-            table.writeheader()
-        table.writerow(values)
+    values, text = asdict(row), StringIO()
+    table = csv.DictWriter(text, values, lineterminator="\n")
+    if not path.exists() or not path.stat().st_size:
+        table.writeheader()
+    table.writerow(values)
+    append(path, text.getvalue().encode())

@@ -7,10 +7,11 @@ fingerprint of each, by which poses know their frames.
 import hashlib
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
-from itertools import chain, count, pairwise
+from itertools import chain, count, islice, pairwise
 from pathlib import Path
 from typing import Annotated
 
@@ -23,10 +24,16 @@ from poseviewer.errors import PhotoFileError, PoseViewerError
 from poseviewer.files.checks import MAX_DATA_BYTES, InputFile, Number, quiet_libraries
 from poseviewer.files.state.folder import state_folder
 from poseviewer.files.structs import Sha256
-from poseviewer.files.video_decoding import decode_video, prepare_ffmpeg
+from poseviewer.files.video_decoding import (
+    breaks_off,
+    decode_video,
+    has_more_frames,
+    read_header,
+    stored_times,
+)
 from poseviewer.files.writing import (
+    lock_file,
     make_folder,
-    require_replaceable,
     sha256_of,
     write_json,
     writing_to,
@@ -34,16 +41,20 @@ from poseviewer.files.writing import (
 
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv", ".mts", ".3gp")
 RECORD = "frames.json"
+LOCK = ".at-work"
+"""File that is locked while a video is read; others wait for its frames."""
+WAIT_S = 0.2
+"""Time between two looks at the lock, s."""
 FRAME = re.compile(r"[0-9]{6,}\.jpg")
 """Names of frames' files, of which a record has no others."""
+KEPT = re.compile(r"(\.[0-9]+)?\.frames")
+"""Ends of the names of folders that frames are kept in, after the video's."""
 MAX_VIDEO_BYTES = 10**12
 MAX_FRAMES = 20_000
 """Limit of the frames kept: 2 GB of 640x480 px."""
 JPEG_QUALITY = 95
-CODECS = {".mp4": ("avc1", "mp4v"), ".webm": ("VP90",), ".avi": ("MJPG",)}
-"""Codecs of videos that are written, best first: H.264 is not on every machine."""
-MIN_READ = 0.9
-"""Share of the frames that the file announces, below which it breaks off: some only estimate it."""
+SURVEYED = 10
+"""Frames by which it is told how long reading takes."""
 
 Step = Annotated[int, Meta(ge=1)]
 
@@ -83,7 +94,8 @@ def extract_frames(
     progress: Callable[[float], object] | None = None,
 ) -> tuple[Path, VideoRecord]:  # fmt: skip
     """Keep every N-th frame of a video as a JPEG, unless that was done; return folder and record.
-    Frames of another video, or of the video as it was before, are left alone.
+    Frames of another video, or of the video as it was before, are left alone. While another process
+    reads the video, its frames are waited for.
 
     Args:
         video: its file.
@@ -97,9 +109,7 @@ def extract_frames(
             interlaced, and PyAV is not installed; the folder holds images of something else, or
             cannot be written.
     """
-    file = InputFile(video, [], PhotoFileError, "video", MAX_VIDEO_BYTES)
-    with file.naming_errors(), quiet_libraries():
-        file.check_size()
+    with _video_input(video) as file:
         status, sha256 = video.stat(), cache(lambda: sha256_of(video))
 
         def record_in(place: Path) -> VideoRecord | None:
@@ -110,74 +120,135 @@ def extract_frames(
             is_of_video = known.modified_ns == status.st_mtime_ns or known.sha256 == sha256()
             return known if is_of_video else None
 
-        for place in _places_of(video) if folder is None else [folder]:
-            stored = record_in(place)
-            if stored is not None or _is_free(place):
-                break
-        else:
-            found = f"its frames belong into {folder}, which holds other files"
-            raise file.error(found, "name an empty folder")
-        folder = place
-        about = {"video": video.name, "modified_ns": status.st_mtime_ns}
-        if stored is None:
-            known = VideoRecord(**about, bytes=status.st_size, sha256=sha256())
-        else:
+        def find() -> tuple[Path, VideoRecord, bool]:
+            """The folder of the frames, its record, and whether all frames are there."""
+            for place in _places_of(video) if folder is None else [folder]:
+                stored = record_in(place)
+                if stored is not None or _is_free(place):
+                    break
+            else:
+                found = f"its frames belong into {folder}, which holds other files"
+                raise file.error(found, "name an empty folder")
+            about = {"video": video.name, "modified_ns": status.st_mtime_ns}
+            if stored is None:
+                return place, VideoRecord(**about, bytes=status.st_size, sha256=sha256()), False
             known = structs.replace(stored, **about)
-        if known.has(every) and all(_is_frame(folder / name) for name in known.names(every)):
-            if known != stored:  # a copy of the video, with another time
+            is_read = known.has(every) and all(_is_frame(place / n) for n in known.names(every))
+            if is_read and known != stored:  # a copy of the video, with another time
                 with suppress(PhotoFileError):
-                    _save_record(folder, known)
-            return folder, known
+                    _save_record(place, known)
+            return place, known, is_read
+
+        tell = progress or (lambda _: None)
+        while True:
+            place, known, is_read = find()
+            if is_read:
+                return place, known
+            with _locked(place, tell):
+                again, known, is_read = find()
+                if again == place and not is_read:
+                    return place, _keep_frames(file, every, place, known, tell)
+
+
+@contextmanager
+def _video_input(video: Path) -> Iterator[InputFile]:
+    """Open a video whose size is checked; libraries are quiet, and their errors name the file."""
+    file = InputFile(video, [], PhotoFileError, "video", MAX_VIDEO_BYTES)
+    with file.naming_errors(), quiet_libraries():
+        file.check_size()
+        yield file
+
+
+@contextmanager
+def _locked(folder: Path, progress: Callable[[float], object]) -> Iterator[None]:
+    """Make a folder and hold it, once nobody else writes frames to it."""
+    lock = None
+    while lock is None:
         make_folder(folder, PhotoFileError)
-        _save_record(folder, structs.replace(known, every=()))
-        try:
-            known = _read(file, every, folder, known, progress or (lambda _: None))
-        finally:
-            if not any(folder.glob("*.jpg")):  # nothing to go on with
-                (folder / RECORD).unlink()
-                with suppress(OSError):
-                    folder.rmdir()
-        _save_record(folder, known)
-        return folder, known
+        with writing_to(folder, RECORD, PhotoFileError), suppress(FileNotFoundError):
+            lock = lock_file(folder / LOCK)
+        if lock is None:
+            progress(0.0)
+            time.sleep(WAIT_S)
+    try:
+        yield
+    finally:
+        with suppress(OSError):  # before it is let go: whoever waits sees that it is gone
+            (folder / LOCK).unlink()
+        lock.close()
+        if not _has_frames(folder):
+            with suppress(OSError):
+                folder.rmdir()
 
 
-def save_video(path: Path, pictures: Iterable[NDArray[np.uint8]], rate: float) -> None:
-    """Write a video, whole or not.
+def _keep_frames(
+    file: InputFile,
+    every: int,
+    folder: Path,
+    known: VideoRecord,
+    progress: Callable[[float], object],
+) -> VideoRecord:
+    """Read the frames into a folder that is held; return its new record."""
+    for part in folder.glob("*.part"):
+        if FRAME.fullmatch(f"{part.stem}.jpg"):  # others are the user's
+            part.unlink()
+    _save_record(folder, structs.replace(known, every=()))
+    try:
+        known = _read(file, every, folder, known, progress)
+    finally:
+        if not _has_frames(folder):  # nothing to go on with
+            (folder / RECORD).unlink()
+    _save_record(folder, known)
+    return known
 
-    Args:
-        path: file, .mp4, .webm or .avi.
-        pictures: (height, width, 3), RGB, of one size.
-        rate: frames a second.
+
+def _has_frames(folder: Path) -> bool:
+    return any(folder.glob("*.jpg"))
+
+
+def describe_video(video: Path) -> dict[str, str]:
+    """Describe what a video is, in words: its frames, size, rate, length, codec.
 
     Raises:
-        PhotoFileError: it cannot be written.
+        PhotoFileError: it is no video, or its frames are too large.
     """
-    file = InputFile(path, [], PhotoFileError, "video")
-    if path.suffix.lower() not in CODECS:
-        found = f"videos cannot be written as {path.suffix!r}"
-        raise file.error(found, f"name it {' or '.join(CODECS)}")
-    prepare_ffmpeg()
-    require_replaceable(path, PhotoFileError)
-    part, writer = path.with_name(f".{path.stem}.part{path.suffix}"), None
-    try:
-        part.unlink(missing_ok=True)  # it may be a link
-        for picture in pictures:
-            size = picture.shape[1::-1]
-            if writer is None:
-                with quiet_libraries():
-                    for codec in CODECS[path.suffix.lower()]:
-                        code = cv2.VideoWriter.fourcc(*codec)
-                        writer = cv2.VideoWriter(str(part), cv2.CAP_FFMPEG, code, rate, size)
-                        if writer.isOpened():
-                            break
-                    else:
-                        raise file.error("cannot be written", "is the folder yours to write to?")
-            writer.write(np.ascontiguousarray(picture[..., ::-1]))
-        if writer is not None:
-            writer.release()
-            part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    with _video_input(video) as file:
+        header, times = read_header(file), stored_times(file)
+    count = len(times)
+    if count > 1 and times[-1] > times[0]:
+        length = (times[-1] - times[0]) * count / (count - 1)
+    else:
+        length = header.length_s
+    sides, shown = (header.width, header.height), header.shown_size(header.width, header.height)
+    said = {"size": "{} x {} px".format(*shown), "frames": f"{count:,} in the file"}
+    if shown != sides:
+        said["size"] += ", of {} x {} px that are not square".format(*sides)
+    if length:
+        said["frames"] += f", {count / length:.4g} a second"
+        said["length"] = f"{length:.4g} s"
+    if header.turned_deg:
+        way = "counterclockwise" if header.turned_deg > 180 else "clockwise"
+        angle = min(header.turned_deg, 360 - header.turned_deg)
+        said["turned"] = f"by {angle} degrees {way}, which the size says already"
+    return said | {"codec": header.codec or "not said"}
+
+
+def survey_video(video: Path) -> tuple[int, float]:
+    """Return the number of frames in a video's file, and about how long reading one takes, s.
+
+    Raises:
+        PhotoFileError: it is no video, or its frames cannot be read.
+    """
+    with _video_input(video) as file:
+        count = len(stored_times(file))
+        with decode_video(file) as decoded:
+            began, read = time.monotonic(), 0
+            for _, make_picture in islice(decoded.frames, SURVEYED):
+                picture = make_picture()
+                if picture is not None:
+                    _encode(picture)
+                read += 1
+        return count, (time.monotonic() - began) / max(read, 1)
 
 
 def load_record(folder: Path) -> VideoRecord | None:
@@ -200,16 +271,18 @@ def _read(
     known: VideoRecord,
     progress: Callable[[float], object],
 ) -> VideoRecord:
+    begun: float | None = None
     index, times, sha256s = -1, dict[str, float](), dict[str, str]()
     with decode_video(file) as video:
-        said = video.announced
+        header = video.header
+        if has_more_frames(file, header, every * MAX_FRAMES):
+            raise _too_many(file, len(stored_times(file)))
+        said = max(header.frames, 1.0)
         for index, (time, make_picture) in enumerate(video.frames):
             if index % every:
                 continue
-            if max(len(times) + 1, said / every) > MAX_FRAMES:
-                least = int(max(said, index + 1) // MAX_FRAMES + 1)
-                found = f"more than {MAX_FRAMES:,} frames"
-                raise file.error(found, f"take fewer of them, every={least} or more")
+            if len(times) == MAX_FRAMES:
+                raise _too_many(file, max(len(stored_times(file)), index + 1))
             name = f"{index:06d}.jpg"
             if _is_frame(folder / name):
                 sha256s[name] = known.sha256s.get(name) or sha256_of(folder / name)
@@ -217,14 +290,17 @@ def _read(
                 sha256s[name] = _save_frame(folder / name, picture)
             if name in sha256s:
                 times[name] = time
-            progress(index / max(said, 1.0))
+            begun = time if begun is None else begun
+            # By time, as the number of frames may be guessed; some videos have no times.
+            progress(min(max(index, (time - begun) * header.rate) / said, 1.0))
     if not times:
         raise file.error("no frame in it can be read", "is it whole? Copy it again")
-    if np.any(np.diff(list(times.values())) <= 0.0) and video.rate > 0.0:  # it has no time stamps
-        times = {name: _number_of(name) / video.rate for name in times}
+    if np.any(np.diff(list(times.values())) <= 0.0) and header.rate > 0.0:  # it has no time stamps
+        times = {name: _number_of(name) / header.rate for name in times}
     first, notes = next(iter(times.values())), video.notes
-    if index + 1 < MIN_READ * said:
-        notes.append(f"{file.path.name} breaks off after {index + 1:,} of {said:,.0f} frames.")
+    if breaks_off(file, header, index + 1):
+        spans = f"{list(times.values())[-1] - first:.1f} s of {header.length_s:.1f} s"
+        notes.append(f"{file.path.name} breaks off after {index + 1:,} frames, {spans}.")
     if repeated := sum(a == b for a, b in pairwise(sha256s.values())):
         found = f"{repeated:,} of {len(sha256s):,} frames of {file.path.name} repeat the one before"
         notes.append(f"{found}; in a video that is interlaced in part, they are not read.")
@@ -233,18 +309,27 @@ def _read(
     return structs.replace(known, every=(*known.every, every), **read)
 
 
+def _too_many(file: InputFile, count: int) -> PoseViewerError:
+    found = f"more than {MAX_FRAMES:,} frames"
+    return file.error(found, f"take fewer of them, every={-(-count // MAX_FRAMES)} or more")
+
+
 def _save_frame(path: Path, bgr: NDArray) -> str:
     """Write a JPEG, whole or not: a reading that was broken off goes on after it. Return its
     fingerprint.
     """
-    picture = np.asarray(cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1])
-    part, data = path.with_suffix(".part"), picture.tobytes()
+    part, data = path.with_suffix(".part"), _encode(bgr)
     with writing_to(path.parent, path.name, PhotoFileError):
         part.unlink(missing_ok=True)
         with part.open("xb") as opened:  # through no link
             opened.write(data)
         part.replace(path)
     return hashlib.sha256(data).hexdigest()
+
+
+def _encode(bgr: NDArray) -> bytes:
+    picture = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1]
+    return np.asarray(picture).tobytes()
 
 
 def _number_of(name: str) -> int:
@@ -260,6 +345,12 @@ def _is_free(folder: Path) -> bool:
     if not folder.is_dir():
         return not os.path.lexists(folder)
     return not (any(folder.glob("*.jpg")) or os.path.lexists(folder / RECORD))
+
+
+def is_kept_of(video: Path, path: Path) -> bool:
+    """Tell whether a file lies where the frames of a video are kept beside it."""
+    folder, beside = path.parent, path.parent.parent == video.parent
+    return beside and bool(KEPT.fullmatch(folder.name.removeprefix(video.name)))
 
 
 def _places_of(video: Path) -> Iterator[Path]:

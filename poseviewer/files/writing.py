@@ -124,8 +124,8 @@ def write_json(
 
 
 def json_bytes(
-    path: Path, data: Any, error: type[PoseViewerError], *, indent: int = 2, rows: str = "",
-    **first: Any,
+    path: Path, data: Any, error: type[PoseViewerError], *, indent: int | None = 2,
+    rows: str = "", **first: Any,
 ) -> bytes:  # fmt: skip
     """Encode a dict or a struct, after the entries ``first``, as the text of a JSON file.
 
@@ -133,7 +133,7 @@ def json_bytes(
         path: file, for messages.
         data: entries.
         error: type of the error where a number is not finite.
-        indent: spaces of a level.
+        indent: spaces of a level; None: all in one line.
         rows: key of a list that stands last, an entry a line; may be missing.
         first: entries before those of ``data``.
     """
@@ -143,7 +143,8 @@ def json_bytes(
         lines = ",\n".join(map(encode, entries.pop(rows, ())))
         text = encode(entries, indent=indent)
         if lines:
-            text = f'{text[:-2]},\n{" " * indent}"{rows}": [\n{lines}\n{" " * indent}]\n}}'
+            margin = " " * (indent or 0)
+            text = f'{text[:-2]},\n{margin}"{rows}": [\n{lines}\n{margin}]\n}}'
     except (ValueError, TypeError) as problem:
         found = f"{path.name}: holds what JSON cannot ({problem})"
         raise error(f"{found}; nothing was written.") from problem
@@ -160,6 +161,23 @@ def open_to_append(path: Path) -> IO[bytes]:
     for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"):
         flags |= getattr(os, name, 0)
     return os.fdopen(os.open(path, flags, 0o666), "ab")
+
+
+def append(path: Path, data: bytes) -> None:
+    """Append to a file, or leave it as long as it was, so that no later line goes on from half a
+    one.
+
+    Raises:
+        OSError: the data cannot be written.
+    """
+    with open_to_append(path) as file:
+        before, left = os.fstat(file.fileno()).st_size, memoryview(data)
+        try:
+            while left:
+                left = left[os.write(file.fileno(), left) :]
+        except OSError:
+            os.ftruncate(file.fileno(), before)
+            raise
 
 
 def lock_file(path: Path) -> IO[bytes] | None:

@@ -6,10 +6,11 @@ from pathlib import Path, PurePosixPath
 
 from poseviewer.files import structs as s
 from poseviewer.files.checks import InputFile, is_there, kind_of
-from poseviewer.files.colmap_model import colmap_file
+from poseviewer.files.colmap_model import colmap_file, colmap_images
 from poseviewer.files.formats.bop import CAMERAS, UNIT, WORLD, load_bop_images
 from poseviewer.files.formats.conversion import ConvertOptions, as_shown
 from poseviewer.files.formats.reconstructions import colmap_views, frame_view, with_slashes
+from poseviewer.files.image_sequence import images_in
 from poseviewer.files.scene_assets import open_view, view_of_file, with_photo
 from poseviewer.files.scene_json import load_scene
 from poseviewer.geometry.camera import Perspective
@@ -82,7 +83,23 @@ def load_views(path: str | Path, choice: SetChoice | None = None) -> LoadedViews
         if len(views) < 2:
             found = f"{len(views)} photo{'' if len(views) == 1 else 's'}"
             raise file.error(found, "a set has two or more; open one photo alone")
-        return LoadedViews(path.name, with_names(views), unit, scale)
+        return LoadedViews(path.resolve().name, with_names(views), unit, scale)
+
+
+def describe_folder(path: Path) -> str:
+    """Say what a folder holds: a COLMAP model, a BOP scene, images; "": nothing that is known."""
+    for name in COLMAP_FOLDERS:
+        images = colmap_file(path / name, "images")
+        if images.is_file():
+            return (
+                f"a COLMAP model of {len(colmap_images(InputFile(images)))} images, {images.name}"
+            )
+    if (path / CAMERAS).is_file():
+        return f"a BOP scene of {len(load_bop_images(path, notes=[]))} images with cameras"
+    images = images_in(path)
+    if len(images) > 1:
+        return f"{len(images)} images, {images[0].name} to {images[-1].name}: a sequence or a set"
+    return ""
 
 
 def with_names(views: Sequence[View]) -> tuple[View, ...]:
@@ -142,7 +159,8 @@ def _of_bop(file: InputFile, choice: SetChoice) -> Iterator[View]:
     """Views by the scene's world; else by where the cameras see one of its objects."""
     own = replace(file, path=file.path / CAMERAS)
     rig, wanted = choice.rig_object, "name an object that stands still and is there once"
-    for image in load_bop_images(file.path):
+    notes = list[str]() if choice.photos else None
+    for image in load_bop_images(file.path, notes=notes):
         if not _is_chosen(image.photo, choice.photos):
             continue
         place, found = image.camera_from_world, f"image {image.number} has no {WORLD[0]}"

@@ -3,12 +3,13 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from poseviewer.errors import CalibrationFileError, PoseFileError, SettingsError, list_names
 from poseviewer.files.image_sequence import load_sequence
-from poseviewer.files.masks import load_mask, masks_beside
+from poseviewer.files.masks import load_mask, mask_note, masks_beside
 from poseviewer.files.mesh.size import METRES, distance_notes
 from poseviewer.files.photo import load_calibrated_photo, undistort_photo
 from poseviewer.files.pose import PoseRecord, check_against, load_pose
@@ -74,8 +75,8 @@ def _open_photo(sources: Sources) -> Scene:
     is_loaded = isinstance(photo, Photo)
     opened = photo if is_loaded else load_calibrated_photo(photo, sources.calibration)
     model = _model_of(sources)
-    without, note = tuple(settings.without or ()), ""
-    notes, others = tuple[str, ...](), tuple[Start, ...]()
+    without, texts = tuple(settings.without or ()), dict[str, Any]()
+    notes, others, of_mask = tuple[str, ...](), tuple[Start, ...](), tuple[str, ...]()
     doubt, occluders = "", None
     if isinstance(start, Path):
         record = load_pose(start, opened.width, opened.height)
@@ -89,12 +90,12 @@ def _open_photo(sources: Sources) -> Scene:
         if mask is None:
             size = opened.width, opened.height
             mask, occluders, of_mask = masks_beside(start, record, size)
-            notes += of_mask
-        start, note = record.pose, record.note
+        start, texts = record.pose, record.texts
         notes += distance_notes(model.content.mesh_without(without), start)
     if mask is not None and not isinstance(mask, Mask):
-        settings = replace(settings, mask=mask.name)
-        mask = load_mask(mask, (opened.width, opened.height))
+        settings, name = replace(settings, mask=mask.name), mask.name
+        mask = load_mask(mask, (opened.width, opened.height), opened.name)
+        of_mask = tuple(filter(None, [mask_note(mask, name)]))
     if not isinstance(start, Pose):
         mesh = model.content.mesh_without(without)
         if start is None:
@@ -110,15 +111,19 @@ def _open_photo(sources: Sources) -> Scene:
     file = PhotoFile.of(opened, None if is_loaded else photo)
     left_out = model.content.mesh_without(without).left_out
     in_views = (InView(occluders=occluders),) if occluders else ()
-    fields = {"without": left_out, "note": note, "doubt": doubt, "in_views": in_views}
+    fields = {**texts, "without": left_out, "doubt": doubt, "in_views": in_views}
     fields["is_placed"] = sources.start is not None
     scene = scene_at(View(file, camera, mask=mask), model, start, settings=settings, **fields)
-    notes = (*notes_of(opened), *notes_of(model), *notes)
+    notes = (*notes_of(opened), *notes_of(model), *of_mask, *notes)
     return _with_instances(replace(scene, name=opened.name, notes=notes), others)
 
 
 def _open_frames(sources: Sources) -> Scene:
     sequence, key = load_sequence(sources.frames), sources.key
+    further = dict(sources.keys)
+    if sources.start is None and further:
+        key = min(further)
+        sources = replace(sources, start=further.pop(key))
     if not 0 <= key < len(sequence.paths):
         found = f"`key={key + 1}`: {sequence.name} has {len(sequence.paths)} frames"
         raise SettingsError(f"{found}; name one of them.")
@@ -140,7 +145,60 @@ def _open_frames(sources: Sources) -> Scene:
         shots[key] = replace(shots[key], occluders={scene.objects[0].id: found[0]})
     scene = replace(scene.with_object(0, in_views=()), views=(view,), name=sequence.name)
     scene = show_frame(with_frames(replace(scene, notes=notes), shots), key)
-    return store_key(scene, 0) if isinstance(sources.start, Path | Pose) else scene
+    scene = store_key(scene, 0) if isinstance(sources.start, Path | Pose) else scene
+    for frame_index, start in further.items():
+        scene = with_key(scene, frame_index, start)
+    return show_frame(scene, key) if further else scene
+
+
+def with_key(scene: Scene, frame_index: int, start: Path | Pose, object_index: int = 0) -> Scene:
+    """Make a key of an object's pose in a frame of a sequence, which is shown then. A pose file's
+    mask, and what was found in front, hold in that frame.
+
+    Args:
+        scene: the sequence, of one camera.
+        frame_index: of the frame.
+        start: pose file, or pose.
+        object_index: of the object.
+
+    Raises:
+        SettingsError: there is no such frame.
+        PoseViewerError: a file cannot be used, or the pose is by another camera.
+    """
+    if not 0 <= frame_index < len(scene.frames):
+        found = f"`key={frame_index + 1}`: {scene.name} has {len(scene.frames)} frames"
+        raise SettingsError(f"{found}; name one of them.")
+    scene = show_frame(scene, frame_index)
+    view, item = scene.views[0], scene.objects[object_index]
+    photo, notes = view.photo, tuple[str, ...]()
+    size, name = (photo.width, photo.height), view.name
+    masks: Sequence[Mask | None] = (None, None)
+    if isinstance(start, Path):
+        record, name = load_pose(start, *size), start.name
+        checks = check_against(record.photo, photo.sha256)
+        checks += check_against(record.model, item.model.sha256)
+        *masks, of_mask = masks_beside(start, record, size)
+        notes = (*record.warnings, *checks, *of_mask)
+    else:
+        record = PoseRecord.of(start)
+    if photo.camera is not None:
+        photo, record, of_camera = _match_start(photo, record)
+        notes += of_camera
+    camera, known = record.pose.camera, view.camera
+    is_same = type(camera) is type(known) and np.allclose(
+        astuple(camera), astuple(known), rtol=MIN_DIFFERENCE
+    )
+    if not is_same or (record.undistortion is not None and photo.camera is None):
+        found = f"{name}: the key's camera is another than that of the keys before it"
+        raise PoseFileError(f"{found}; give poses by one camera, or `calibration`.")
+    scene = scene.with_pose(object_index, replace(record.pose, camera=known))
+    frames, frame = list(scene.frames), scene.frames[frame_index]
+    of_masks = zip(("masks", "occluders"), masks, strict=True)
+    found = {n: {**getattr(frame, n), item.id: one} for n, one in of_masks if one is not None}
+    frames[frame_index] = replace(frame, **found)
+    scene = replace(scene, frames=tuple(frames), notes=(*scene.notes, *notes))
+    scene = scene.with_object(object_index, is_placed=True)
+    return store_key(scene, object_index)
 
 
 def _with_instances(scene: Scene, others: Sequence[Start]) -> Scene:
@@ -264,7 +322,7 @@ def _open_views(sources: Sources, views: Path | LoadedViews) -> Scene:
     notes = tuple(dict.fromkeys([*of_files, *notes, *of_camera]))
     item = SceneObject(
         id="1", model=own, world_from_model=place, settings=settings, without=mesh.left_out,
-        note=record.note, is_placed=sources.start is not None,
+        **record.texts, is_placed=sources.start is not None,
     )  # fmt: skip
     return Scene(
         views=ordered, objects=(item,), name=loaded.name, unit=loaded.unit,

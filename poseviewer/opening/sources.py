@@ -17,7 +17,7 @@ from poseviewer.files.cameras import Calibration, load_cameras
 from poseviewer.files.checks import InputFile
 from poseviewer.files.colmap_model import colmap_file
 from poseviewer.files.formats.bop import CAMERAS
-from poseviewer.files.image_sequence import ImageSequence, natural_order
+from poseviewer.files.image_sequence import ImageSequence, sort_frames
 from poseviewer.files.keypoints import keypoints_path
 from poseviewer.files.mesh.load import ELSEWHERE, READERS
 from poseviewer.files.mesh.named import bare_name, find_named, plain_name
@@ -27,7 +27,7 @@ from poseviewer.files.photo import ENDINGS as PICTURES
 from poseviewer.files.photo import RAW_ENDINGS, was_taken_by_a_camera
 from poseviewer.files.structs import SCENE
 from poseviewer.files.symmetry import symmetry_path
-from poseviewer.files.video import RECORD, VIDEOS
+from poseviewer.files.video import RECORD, VIDEOS, is_kept_of
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mask import Mask
@@ -98,6 +98,8 @@ class Sources:
     """What a set leaves open."""
     key: int = 0
     """Index of the frame that start and mask are of."""
+    keys: Mapping[int, Path | Pose] = field(default_factory=dict)
+    """Poses in further frames, by the frames' indices."""
     mask_all_frames: bool = False
     """Whether the mask holds for all frames; what a search found in front, as the pose file says
     it, belongs to the frame ``key`` in any case."""
@@ -167,7 +169,8 @@ def sort_set(
 
     A picture that a model names is a texture. Beside such a model, another picture is the photo if
     a camera has taken it. Several photos in one folder, of which no file says where their cameras
-    stood, are a sequence. ``at_hand``: open model, which may miss what is here.
+    stood, are a sequence; those that were read from a video beside them are left to the video.
+    ``at_hand``: open model, which may miss what is here.
 
     Raises:
         FileSetError: several of a kind, or nothing that can be opened.
@@ -188,6 +191,8 @@ def sort_set(
     cameras = [path for path in of_kind["camera"] if path not in used]
     masks = [(path.parent, _json_of(path).get("mask")) for path in poses]
     used |= {folder / bare_name(name) for folder, name in masks if isinstance(name, str)}
+    videos = of_kind["video"]
+    used |= {path for path in files if any(is_kept_of(video, path) for video in videos)}
     pictures = [path for path in of_kind["picture"] if path not in used]
     sets = of_kind["set"]
     if len(pictures) > 1:
@@ -202,14 +207,13 @@ def sort_set(
         _only([model.path for model in models], "models of one set of photos")
         used |= {views, *pictures, *(path for path in files if views in path.parents)}
     else:
-        videos = of_kind["video"]
         if kind in ("model", "pose"):
             pictures = videos = []
         elif kind is None and any(model.names_pictures for model in models):
             pictures = [path for path in pictures if was_taken_by_a_camera(path)]
         is_numbered = all(any(map(str.isdigit, path.stem)) for path in pictures)
         if is_numbered and len({path.parent for path in pictures}) == 1 < len(pictures):
-            frames = tuple(sorted(pictures, key=natural_order))
+            frames = tuple(sort_frames(pictures))
         elif video := _only(videos, "videos"):
             frames = (video,)
         else:
@@ -304,6 +308,11 @@ def is_scene_file(path: Path) -> bool:
     if data.get("format") == SCENE:
         return data.get("version") != 2 or bool(data.get("objects"))
     return path.name.lower().endswith(".scene.json")
+
+
+def is_pose_file(path: Path) -> bool:
+    """Tell whether a file is JSON of one pose of ours."""
+    return "camera_from_model" in _json_of(path)
 
 
 def _json_of(path: Path) -> dict[str, object]:

@@ -38,6 +38,8 @@ MAX_DIRECTORY_BYTES = 4_000_000
 """Bytes of a zip's directory: twice ``MAX_FILES`` entries with names of 150 bytes have fewer."""
 MAX_END_BYTES = 65_535 + 22 + 20 + 56
 """Bytes at the end of a zip that say where its directory is, with the longest comment."""
+ENCRYPTED = 1
+"""Flag of an entry of a zip that has a password."""
 UNPACK = "unpack it yourself and start poseviewer with the path of what is needed"
 MIN_UPLOADS = 20
 """Number of the newest uploads that stay at any age."""
@@ -186,13 +188,24 @@ def _unzip(packed: Path | BytesIO, name: str, place: Path, room: int) -> int:
         if size > room or len(entries) > MAX_FILES:
             found = f"unpacks to more than {MAX_UNPACKED_BYTES:,} bytes or {MAX_FILES:,} files"
             raise file.error(found, UNPACK)
-        for entry in entries:
-            path = place / safe_path(entry.filename)
+        if any(entry.flag_bits & ENCRYPTED for entry in entries):
+            raise file.error("has a password", UNPACK)
+        paths = [place / safe_path(entry.filename) for entry in entries]
+        _check_folders(file, place, paths)
+        for entry, path in zip(entries, paths, strict=True):
             with archive.open(entry) as source, writing_to(place, name, FileSetError):
                 path.parent.mkdir(parents=True, exist_ok=True)
                 with path.open("wb") as target:
                     shutil.copyfileobj(source, target)
     return size
+
+
+def _check_folders(file: InputFile, place: Path, paths: Sequence[Path]) -> None:
+    """Raise where a path is that of a file, or a link, and of a folder."""
+    folders = {folder for path in paths for folder in path.parents}
+    if (both := next((path for path in paths if path in folders), None)) is not None:
+        name = printable(str(both.relative_to(place)), MAX_NAME_LETTERS)
+        raise file.error(f"{name} is a file in it, and a folder", f"rename one, or {UNPACK}")
 
 
 def _check_directory(file: InputFile, packed: Path | BytesIO) -> None:
@@ -235,10 +248,14 @@ def _fill(place: Path, files: Sequence[tuple[str, memoryview | Path]]) -> None:
     room = MAX_UNPACKED_BYTES
     for number, (name, content) in enumerate(files):
         path = place / safe_path(name)
-        if path.exists():
+        is_zip = path.suffix.lower() == ".zip"
+        folders = [*path.parents, path.with_suffix("")] if is_zip else path.parents
+        if any(folder.is_file() for folder in folders):
+            path = place / str(number) / safe_path(name)
+        elif path.exists():
             path = path.parent / str(number) / path.name
         path.parent.mkdir(parents=True, exist_ok=True)
-        if path.suffix.lower() == ".zip":
+        if is_zip:
             file = content if isinstance(content, Path) else BytesIO(content)
             room -= _unzip(file, display_name(name), path.with_suffix(""), room)
         elif isinstance(content, Path):

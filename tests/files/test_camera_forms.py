@@ -52,6 +52,18 @@ FORMS: dict[str, tuple[str, Any, Lens | None]] = {
     "intrinsics of nine": ("a.json", {"intrinsics": FLAT, "distortion": BROWN}, LENS),
     "rational": ("a.json", {**FOCALS, "k1": 0.1, "k6": 0.3},
                  Lens("opencv", (0.1, 0, 0, 0, 0, 0, 0, 0.3))),
+    "remode": ("a.yaml", "".join(f"cam_{key}: {value}\n" for key, value in {
+        **FOCALS, **SIZE, "k1": -0.3, "k2": 0.1, "r1": 0.001, "r2": -0.001}.items()),
+        Lens("opencv", BROWN[:4])),
+    "pix4d": ("a.json", {**FOCALS, "R1": -0.3, "R2": 0.1, "R3": 0.02, "T1": 0.001, "T2": -0.001},
+              LENS),
+    "visp": ("a.xml", "<root><camera><name>front</name><image_width>640</image_width>"
+             "<image_height>480</image_height><model><type>perspectiveProjWithDistortion</type>"
+             "<px>500</px><py>510</py><u0>321</u0><v0>239</v0><kud>-0.3</kud><kdu>0.33</kdu>"
+             "</model></camera></root>", Lens("opencv", (-0.3, 0.0, 0.0, 0.0, 0.0))),
+    "visp, json": ("cam.json", {"px": 500, "py": 510, "u0": 321, "v0": 239, "h": 480, "w": 640,
+                                "model": "perspectiveProjWithoutDistortion", "depthScale": 0.001},
+                   None),
     "a matrix alone": ("K.json", K, None),
     "open3d": ("a.json", {"intrinsic_matrix": np.array(K).T.reshape(-1).tolist()}, None),
     "realsense": ("a.json", {"fx": 500, "fy": 510, "ppx": 321, "ppy": 239,
@@ -253,6 +265,26 @@ def test_the_cameras_of_a_file_are_told_apart_by_names_numbers_and_sides(tmp_pat
     assert names({"cameras": [{"name": "a", **FOCALS}, {"name": "b", **FOCALS}]}) == ["a", "b"]
 
 
+def test_the_models_of_one_visp_camera_are_told_apart_by_their_types(tmp_path):
+    numbers = "<px>500</px><py>510</py><u0>321</u0><v0>239</v0>"
+    models = "".join(
+        f"<model><type>{name}</type>{numbers}{lens}</model>"
+        for name, lens in (
+            ("perspectiveProjWithoutDistortion", ""),
+            ("perspectiveProjWithDistortion", "<kud>-0.3</kud><kdu>0.33</kdu>"),
+        )
+    )
+    path = write(tmp_path / "camera.xml", f"<root><camera>{models}</camera></root>")
+    cameras = {camera.name: camera.lens for camera in load_cameras(path)}
+    assert cameras == {
+        "perspectiveProjWithoutDistortion": None,
+        "perspectiveProjWithDistortion": Lens("opencv", (-0.3, 0.0, 0.0, 0.0, 0.0)),
+    }
+    fisheye = models.replace("perspectiveProjWithDistortion", "ProjWithKannalaBrandtDistortion")
+    with pytest.raises(CalibrationFileError, match="ProjWithKannalaBrandtDistortion"):
+        load_cameras(write(path, f"<root><camera>{fisheye}</camera></root>"))
+
+
 def test_the_size_of_a_chessboard_is_not_that_of_pictures(tmp_path):
     path = write(tmp_path / "a.json", {"K": K, "w": 9, "h": 6, "size": [9, 6], "square_size": 25})
     assert load_cameras(path)[0].camera.width == 0
@@ -309,6 +341,12 @@ LOST = {
     "coefficients of another camera": ({"K": K, "D1": BROWN}, "'D1'"),
     "a name that says nothing": ({"K": K, "v": BROWN}, "'v'"),
     "the left lens of no left camera": ({"K": K, "D_left": BROWN[:4]}, "'D_left'"),
+    "panorama tools": ({**FOCALS, "a": 0.01, "b": -0.03, "c": 0.02}, "'a'"),
+    "a division": ({**FOCALS, "camera_type": "div", "lambda": -0.2}, "'div'"),
+    "a division of no type": ({**FOCALS, "lambda": -0.2}, "'lambda'"),
+    "one of two tangential": ({**FOCALS, "k1": -0.3, "k2": 0.1, "r1": 0.01}, "'r1'"),
+    "a mapping within": ({**FOCALS, "lens_params": {"r2": -0.21, "r4": 0.05}}, "'lens_params'"),
+    "another mapping within": ({"cam": {**FOCALS, "optics": {"q2": -0.21}}}, "'optics'"),
     "f-theta": ({"fl_x": 5, "cx": 1, "cy": 1, "ftheta_p1": 0.3}, "'ftheta_p1'"),
     "a panorama": ({"fl_x": 5, "cx": 1, "cy": 1, "equirectangular": True}, "'equirectangular'"),
     "thin prisms": ({"fl_x": 5, "cx": 1, "cy": 1, "s1": 0.3}, "'s1'"),
@@ -323,6 +361,7 @@ LOST = {
 
 FISHEYES: dict[str, Any] = {
     "basalt": {"value0": {"intrinsics": [{"camera_type": "kb4", "intrinsics": FOCALS | FOUR}]}},
+    "kb8": {"value0": {"intrinsics": [{"camera_type": "KB-8", "intrinsics": FOCALS | FOUR}]}},
     "gyroflow": {"fisheye_params": {"camera_matrix": K, "distortion_coeffs": FISHEYE}},
     "a key": {"K": K, "fisheye_coeffs": FISHEYE},
     "a type of lens": {"K": K, "D": FISHEYE, "lens_type": "Fisheye"},
@@ -349,6 +388,11 @@ def test_a_model_that_is_said_below_its_name_counts_more(tmp_path):
             load_cameras(write(tmp_path / "a.json", mode | more))
 
 
+@pytest.mark.parametrize("kind", ["rgb camera", "RGB\n", "ir", 30_000 * "rgb" + "\n"])
+def test_the_kind_of_a_camera_is_no_lens_model_however_long(tmp_path: Path, kind: str) -> None:
+    assert_reads(tmp_path / "a.json", {**FOCALS, "camera_type": kind}, K, None)
+
+
 def test_the_rectified_camera_and_that_of_the_photo_are_two(tmp_path):
     camera = {f"Camera.{key}": value for key, value in FOCALS.items()}
     left = {"LEFT.K": {"data": FLAT}, "LEFT.D": {"data": BROWN}, "Camera.type": "PinHole"}
@@ -361,6 +405,71 @@ def test_a_lens_is_never_dropped(tmp_path, case):
     content, words = LOST[case]
     with pytest.raises(CalibrationFileError, match=words):
         load_cameras(write(tmp_path / "a.json", content))
+
+
+SENSOR = {"K": [[900, 0, 650], [0, 900, 470], [0, 0, 1]], "width": 1280, "height": 960}
+WINDOW = {"x_offset": 320, "y_offset": 200, "height": 480, "width": 640, "do_rectify": True}
+OF_SIZE = SENSOR | {"width": 640, "height": 480}
+IN_WINDOW = {"K": [[900, 0, 330], [0, 900, 270], [0, 0, 1]], "width": 640, "height": 480}
+WINDOWS = {
+    "ros": {**SENSOR, "binning_x": 1, "roi": WINDOW},
+    "offsets of a sensor": {**SENSOR, "offset_x": 320, "offset_y": 200},
+    "offsets of a window": {**OF_SIZE, "offsetX": 320, "offsetY": 200},
+    "a camera of its window": {**IN_WINDOW, "OffsetX": 320, "OffsetY": 200},
+    "that with a size": {**IN_WINDOW, "roi": WINDOW},
+    "a crop": {**SENSOR, "crop": {"left": 320, "top": 200, "width": 640, "height": 480}},
+    "a crop in a list": {**SENSOR, "crop": [320, 200, 640, 480]},
+    "a crop of two corners": {**SENSOR, "crop": [320, 200, 960, 680]},
+}
+
+
+@pytest.mark.parametrize("name", WINDOWS)
+def test_the_window_of_a_sensor_is_subtracted_and_never_scaled(tmp_path, name):
+    choice = Calibration(write(tmp_path / "a.json", WINDOWS[name]))
+    found, notes = load_calibration(choice, "a.png", 640, 480)
+    camera = found.camera
+    assert (camera.fx, camera.cx, camera.cy) == (900.0, 330.5, 270.5)
+    assert (camera.width, camera.height, notes) == (640, 480, ())
+
+
+def test_a_window_of_the_sensor_may_be_binned_and_that_of_a_whole_photo_is_none(tmp_path):
+    choice = Calibration(write(tmp_path / "a.json", {**SENSOR, "roi": WINDOW}))
+    halved, _ = load_calibration(choice, "a.png", 320, 240)
+    assert (halved.camera.fx, halved.camera.cx, halved.camera.cy) == (450.0, 165.25, 135.25)
+    whole, _ = load_calibration(choice, "a.png", 1280, 960)
+    assert (whole.camera.cx, whole.camera.cy) == (650.5, 470.5)
+    corner = SENSOR | {"roi": WINDOW | {"x_offset": 0, "y_offset": 0, "width": 800, "height": 600}}
+    found, notes = load_calibration(Calibration(write(tmp_path / "b.json", corner)), "", 1200, 900)
+    assert (found.camera.fx, found.camera.width) == (1350.0, 1200)
+    assert "far from the middle of the photo's 800x600 px" in notes[0]
+    for none in ({**SENSOR, "roi": dict.fromkeys(WINDOW, 0)},
+                 {**SENSOR, "roi": [5, 5, 1200, 900]}):  # fmt: skip
+        found, _ = load_calibration(Calibration(write(tmp_path / "c.json", none)), "", 640, 480)
+        assert found.camera.fx == 450.0
+
+
+def test_a_principal_point_near_the_edge_is_said(tmp_path):
+    near = {**FOCALS, **SIZE, "cx": 631}
+    _, notes = load_calibration(Calibration(write(tmp_path / "a.json", near)), "", 640, 480)
+    assert "its principal point, 631, 239, is far from the middle" in notes[0]
+
+
+def test_numbers_that_are_none_of_a_lens_do_not_hinder(tmp_path):
+    pose = {"R": np.eye(3).tolist(), "t": [0.1, 0.2, 0.3], "E": K, "P": [[0.5] * 4] * 3}
+    more = {"reprojection_error": 0.21, "square_size": 0.025, "sharpness": 31.5, "fps": 29.97,
+            "T_cam_imu": pose, "type": "rgb camera", "is_on": True, "seen": 12}  # fmt: skip
+    (found,) = load_cameras(write(tmp_path / "a.json", {**FOCALS, **NAMED, **pose, **more}))
+    assert found.lens == LENS
+
+
+def test_a_lens_model_of_an_unknown_name_may_be_said(tmp_path):
+    path = write(tmp_path / "a.json", {**FOCALS, **FOUR, "camera_type": "my fish"})
+    with pytest.raises(CalibrationFileError, match=r"'my fish'.*Calibration\.lens_model"):
+        load_cameras(path)
+    assert load_cameras(path, "fisheye")[0].lens == Lens("fisheye", FISHEYE)
+    division = write(tmp_path / "b.json", {**FOCALS, **FOUR, "camera_type": "division"})
+    with pytest.raises(CalibrationFileError, match="standard or fisheye model"):
+        load_cameras(division, "fisheye")
 
 
 MATRICES = (

@@ -117,7 +117,9 @@ def test_colmaps_images_say_which_camera_took_a_photo(tmp_path, is_binary):
     with pytest.raises(CalibrationFileError, match="2 cameras"):
         load_calibration(Calibration(path), "other.jpg", 1280, 720)
     path.write_bytes(path.read_bytes()[:-1] if is_binary else b"\xff")
-    with pytest.raises(CalibrationFileError, match=r"^cameras\....: not a (readable file|text)"):
+    with pytest.raises(
+        CalibrationFileError, match=r"^cameras\....: (not a (readable file|text)|it ends too early)"
+    ):
         load_cameras(path)
 
 

@@ -1,6 +1,7 @@
 """Files are opened, numbers taken, and errors worded alike by all readers."""
 
 import logging
+import struct
 import sys
 from pathlib import Path
 
@@ -43,12 +44,23 @@ def test_every_error_becomes_a_sentence(error: Exception, words: str) -> None:
 def test_what_nobody_foresaw_names_the_file_and_is_in_the_log(tmp_path, caplog):
     caplog.set_level(logging.DEBUG, "poseviewer")
     with (
-        pytest.raises(PoseFileError, match=r"^p\.json: not a readable pose file \(boom\); .*\.$"),
+        pytest.raises(PoseFileError, match=r"^p\.json: not a readable pose file; .*\.$"),
         InputFile(tmp_path / "p.json").naming_errors(),
     ):
         raise IndexError("boom")
     assert "IndexError: boom" in caplog.text
     assert caplog.records[0].exc_info
+
+
+@pytest.mark.parametrize("error", [
+    IndexError("list index out of range"), KeyError("K"), struct.error("cannot fit 'int' into"),
+    ValueError("could not convert string to float: 'a'"), TypeError("'int' object"),
+    ValueError("not enough values to unpack (expected 2, got 1)"), ZeroDivisionError("division"),
+])  # fmt: skip
+def test_what_python_says_never_reaches_the_user(tmp_path, error):
+    with pytest.raises(PoseFileError) as raised, InputFile(tmp_path / "p.json").naming_errors():
+        raise error
+    assert str(raised.value) == "p.json: not a readable pose file; is it whole? Make it again."
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no such devices")

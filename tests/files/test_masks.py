@@ -8,9 +8,16 @@ import cv2
 import numpy as np
 import pytest
 from msgspec import structs
+from PIL import Image
 
 from poseviewer.errors import PhotoFileError
-from poseviewer.files.masks import load_mask, mask_as_png, masks_beside, save_pose_and_masks
+from poseviewer.files.masks import (
+    load_mask,
+    mask_as_png,
+    mask_note,
+    masks_beside,
+    save_pose_and_masks,
+)
 from poseviewer.files.photo import save_image
 from poseviewer.files.pose import PoseRecord, load_pose
 from poseviewer.geometry.camera import Perspective, Pose
@@ -45,6 +52,60 @@ def test_a_mask_comes_back_from_its_picture(tmp_path: Path, is_painted, kind) ->
     assert np.asarray(cv2.imread(str(tmp_path / "mask.png"), cv2.IMREAD_UNCHANGED)).dtype == kind
     found = load_mask(tmp_path / "mask.png", (WIDTH, HEIGHT)).weights
     np.testing.assert_allclose(found, mask.weights, atol=0.0 if is_painted else 1e-5)
+
+
+@pytest.mark.parametrize("ending", [".png", ".tif", ".webp"])
+def test_the_mask_of_a_cut_out_is_its_transparency(tmp_path: Path, ending: str) -> None:
+    colours = np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH, 3), np.uint8)
+    alpha = (255 * COUNTS).astype(np.uint8)
+    path = tmp_path / f"cut{ending}"
+    Image.fromarray(np.dstack([colours, alpha])).save(path, lossless=True)
+    assert np.array_equal(load_mask(path).weights, COUNTS)
+    opaque = np.dstack([np.repeat(alpha[..., None], 3, axis=2), np.full_like(alpha, 255)])
+    Image.fromarray(opaque).save(path, lossless=True)
+    assert np.array_equal(load_mask(path).weights, COUNTS)
+    black = np.dstack([np.zeros_like(colours), 255 - alpha])  # painted on a layer of its own
+    Image.fromarray(black).save(path, lossless=True)
+    with pytest.raises(PhotoFileError, match="black where it is opaque"):
+        load_mask(path)
+
+
+@pytest.mark.parametrize("values", [
+    COUNTS.astype(bool), COUNTS, COUNTS.astype(np.uint8), (255 * COUNTS).astype(np.uint8),
+    (65535 * COUNTS).astype(np.uint16), (255 * COUNTS[..., None]).astype(np.float32),
+])  # fmt: skip
+def test_arrays_and_pictures_of_two_values_are_masks(tmp_path: Path, values) -> None:
+    np.save(tmp_path / "mask.npy", values)
+    assert np.array_equal(load_mask(tmp_path / "mask.npy").weights, COUNTS)
+    if values.dtype == np.uint8:
+        cv2.imwrite(str(tmp_path / "mask.png"), values)
+        assert np.array_equal(load_mask(tmp_path / "mask.png").weights, COUNTS)
+
+
+@pytest.mark.parametrize("values", [
+    np.zeros((2, 3, 4)), np.array(["a"]), -COUNTS, 300.0 * COUNTS, np.full((2, 2), np.nan),
+    np.full((2, 2), 1e308), np.array([[0.0, np.inf]]),
+])  # fmt: skip
+def test_an_array_that_is_no_mask_is_said(tmp_path: Path, values) -> None:
+    np.save(tmp_path / "mask.npy", values)
+    with pytest.raises(PhotoFileError, match=r"mask\.npy: an array of .*; wanted"):
+        load_mask(tmp_path / "mask.npy")
+
+
+def test_the_head_of_an_array_takes_no_memory(tmp_path: Path) -> None:
+    np.save(tmp_path / "mask.npy", COUNTS)
+    data = (tmp_path / "mask.npy").read_bytes()
+    lie = data.replace(b"(48, 64)" + b", }" + b" " * 8, b"(999999999, 64), } ")
+    assert lie != data
+    (tmp_path / "mask.npy").write_bytes(lie)
+    with pytest.raises(PhotoFileError, match=r"mask\.npy: not a readable mask"):
+        load_mask(tmp_path / "mask.npy")
+
+
+def test_a_mask_that_hides_nothing_or_all_is_said() -> None:
+    assert mask_note(MASK, "m.png") == ""
+    assert "hides nothing" in mask_note(Mask.of(np.ones((2, 3))), "m.png")
+    assert "hides the whole photo" in mask_note(Mask.of(np.zeros((2, 3))), "m.png")
 
 
 def test_a_pose_file_names_its_mask_and_what_was_found_in_front_apart(tmp_path: Path) -> None:

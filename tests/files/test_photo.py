@@ -9,7 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from PIL import ExifTags, Image, TiffImagePlugin
+from PIL import ExifTags, Image, ImageSequence, TiffImagePlugin
 
 from poseviewer.errors import PhotoFileError
 from poseviewer.files.photo import load_photo, save_image
@@ -263,3 +263,33 @@ def test_a_deep_photo_takes_about_twice_the_memory_of_its_pixels(tmp_path: Path)
     line = [sys.executable, "-c", script, str(path)]
     done = subprocess.run(line, capture_output=True, text=True, check=True, cwd=Path.cwd())
     assert float(done.stdout) < 2.3
+
+
+@pytest.mark.parametrize("name", ["stack.tif", "moving.png", "moving.webp"])
+def test_the_first_of_several_pictures_is_used_and_this_is_said(tmp_path: Path, name) -> None:
+    shown = [Image.new("RGB", (8, 6), (50 * index, 0, 0)) for index in range(3)]
+    shown[0].save(tmp_path / name, save_all=True, append_images=shown[1:])
+    photo = load_photo(tmp_path / name)
+    assert photo.notes == ("The first of its 3 pictures is used.",)
+    assert photo.pixels.max() == 0
+    shown[0].save(tmp_path / name)
+    assert not load_photo(tmp_path / name).notes
+
+
+@pytest.mark.parametrize("cut", [20, 60, 100, 200])
+def test_a_damaged_further_page_leaves_the_first(tmp_path: Path, cut) -> None:
+    shown = [Image.new("RGB", (8, 6), (50 * index, 0, 0)) for index in range(2)]
+    shown[0].save(tmp_path / "a.tif", save_all=True, append_images=shown[1:])
+    data = (tmp_path / "a.tif").read_bytes()
+    (tmp_path / "a.tif").write_bytes(data[:-cut])
+    assert load_photo(tmp_path / "a.tif").pixels.max() == 0
+
+
+def test_previews_and_masks_of_a_tiff_are_no_further_pictures(tmp_path: Path) -> None:
+    pages = [Image.new("L", (8, 6)), Image.new("L", (4, 3)), Image.new("1", (8, 6))]
+    for page, kind in zip(pages, (0, 1, 4), strict=True):
+        page.encoderinfo = {"tiffinfo": {ExifTags.Base.NewSubfileType: kind}}
+    pages[0].save(tmp_path / "a.tif", save_all=True, append_images=pages[1:])
+    with Image.open(tmp_path / "a.tif") as image:
+        assert len([*ImageSequence.Iterator(image)]) == 3
+    assert not load_photo(tmp_path / "a.tif").notes

@@ -170,13 +170,13 @@ def test_what_is_wrong_with_frames_is_said(path, change, words):
 
 
 @pytest.mark.slow
-def test_ten_thousand_frames_are_saved_and_no_photo_is_read(path, tmp_path):
-    scene = as_saved(sequence(path, 10_000))
-    for frame in scene.frames[::999]:
+def test_very_many_frames_are_saved_and_no_photo_is_read(path, tmp_path):
+    scene = as_saved(sequence(path, 2_000))
+    for frame in scene.frames[::199]:
         frame.file.path.write_bytes(b"no picture")
     save_scene(tmp_path / "s.json", scene)
-    assert len((tmp_path / "s.json").read_text().splitlines()) < 10_400
+    assert len((tmp_path / "s.json").read_text().splitlines()) < 2_400
     again = load_scene(tmp_path / "s.json")
-    assert len(again.frames) == 10_000
-    assert again.frames[-1].time_s == 9999 / 30.0
-    assert json.loads((tmp_path / "s.json").read_text())["frames"][9999]["poses"]
+    assert len(again.frames) == 2_000
+    assert again.frames[-1].time_s == 1999 / 30.0
+    assert json.loads((tmp_path / "s.json").read_text())["frames"][1999]["poses"]

@@ -34,6 +34,7 @@ from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.marks import load_pairs
+from poseviewer.files.masks import load_mask
 from poseviewer.files.mesh.dae import read_dae
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.mesh.surface import as_mesh
@@ -108,6 +109,7 @@ READERS: dict[str, Reader] = {
     "dae": read_model,
     "3mf": read_model,
     "photo": load_photo,
+    "mask": load_mask,
     "pose": lambda path: load_pose(path, *PHOTO_SIZE),
     "scene": load_scene,
     "views": load_views,

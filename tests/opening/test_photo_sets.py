@@ -3,16 +3,18 @@
 import shutil
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from PIL import Image
 
 from poseviewer.errors import PoseFileError, PoseViewerError
-from poseviewer.opening.photo_sets import SetChoice, load_views
+from poseviewer.opening.photo_sets import SetChoice, describe_folder, load_views
 from poseviewer.opening.sources import is_scene_file
 from tests import view_sets
+from tests.commands import run
 from tests.view_sets import CAMERA, CAMERAS_FROM_SET, NAMES, write_colmap, write_frames
-from tests.writing import edit
+from tests.writing import edit, write
 
 
 @pytest.fixture
@@ -166,3 +168,17 @@ def test_photos_are_chosen_by_their_names_in_folders(folder):
     names = [f"{name[0]}/photo.png" for name in NAMES]
     found = load_views(write_colmap(folder / "sparse" / "0", names), SetChoice(tuple(names[:2])))
     assert [view.name for view in found.views] == names[:2]
+
+
+def test_a_folder_is_described_by_what_it_holds(tmp_path):
+    assert describe_folder(tmp_path) == ""
+    for i in range(3):
+        cv2.imwrite(str(tmp_path / f"f{i}.png"), np.zeros((4, 4), np.uint8))
+    assert describe_folder(tmp_path) == "3 images, f0.png to f2.png: a sequence or a set"
+    write(tmp_path / "scene_camera.json", {"1": {"cam_K": [5, 0, 2, 0, 5, 2, 0, 0, 1]}})
+    assert describe_folder(tmp_path) == "a BOP scene of 1 images with cameras"
+    write(
+        tmp_path / "sparse/0/images.txt", "1 1 0 0 0 0 0 2 1 a.png\n\n2 1 0 0 0 0 0 2 1 b.png\n\n"
+    )
+    assert describe_folder(tmp_path) == "a COLMAP model of 2 images, images.txt"
+    assert run("info", tmp_path) == 0

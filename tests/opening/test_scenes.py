@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -185,3 +186,13 @@ def test_a_start_for_another_size_is_said(tmp_path):
         PoseViewerError, match=r"a start for photos of 640x480 px, .* pose\.rescale"
     ):
         open_scene(Sources(tmp_path / "three.png", model=tmp_path / "ball.ply", start=pose))
+
+
+@pytest.mark.parametrize(("value", "said"), [(0, "hides the whole photo"), (255, "hides nothing")])
+def test_a_mask_that_hides_nothing_or_all_is_said(tmp_path, value, said):
+    make_three(tmp_path)
+    cv2.imwrite(str(tmp_path / "m.png"), np.full((240, 320), value, np.uint8))
+    sources = Sources(tmp_path / "three.png", model=tmp_path / "ball.ply", start=TRUTH[0])
+    assert (
+        f"m.png: the mask {said}" in open_scene(replace(sources, mask=tmp_path / "m.png")).notes[0]
+    )

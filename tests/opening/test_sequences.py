@@ -1,12 +1,14 @@
 """A sequence is opened by its first frame, and its other frames are read one by one."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from poseviewer.api import load_frames
 from poseviewer.errors import PoseViewerError, SettingsError
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.image_sequence import load_sequence
@@ -15,6 +17,7 @@ from poseviewer.files.photo import load_photo, save_image
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_json import as_saved, load_scene, save_scene
 from poseviewer.fit.problem import make_problem
+from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.mask import Mask
 from poseviewer.opening.scenes import open_scene
 from poseviewer.opening.sources import Sources
@@ -52,6 +55,42 @@ def test_the_first_frame_has_the_key_and_others_the_same_camera(frames, scene, t
     again = open_scene(Sources(scene=tmp_path / "s.json"))
     assert (again.frame_index, again.views[0].name) == (2, "f10.png")
     assert show_frame(again, 0).views[0].photo.sha256 == load_photo(frames / "f1.png").sha256
+
+
+def test_several_frames_have_keys_with_what_was_hidden_there(frames, scene, tmp_path):
+    mask, found = np.ones((2, 120, 160))
+    mask[:9], found[:, :9] = 0.0, 0.0
+    record = load_pose(scene.truth)
+    save_pose_and_masks(tmp_path / "b.json", record, Mask.of(mask), Mask.of(found))
+    opened = open_frames(frames, scene.model, scene.truth, keys={2: tmp_path / "b.json"})
+    sources = [[one.source for one in frame.poses.values()] for frame in opened.frames]
+    assert sources == [["key"], [], ["key"]]
+    assert opened.frame_index == 0
+    hidden = [[frame.mask, *frame.masks, *frame.occluders] for frame in opened.frames]
+    assert hidden == [[None], [None], [None, "1", "1"]]
+    moved = record.pose.camera_from_model
+    shift = replace(moved, translation=moved.translation * 1.1)
+    poses = {1: replace(record.pose, camera_from_model=shift), 0: scene.truth}
+    loaded = load_frames(frames, scene.model, poses)
+    assert loaded.scene.frame_index == 0
+    again = loaded.with_key(2, tmp_path / "b.json")
+    for index, pose in ((0, record.pose), (1, poses[1]), (2, record.pose)):
+        placed = show_frame(again.scene, index).pose(0)
+        assert np.allclose(placed.camera_from_model.as_matrix(), pose.camera_from_model.as_matrix())
+    assert [bool(frame.poses) for frame in loaded.scene.frames] == [True, True, False]
+
+
+def test_a_key_that_does_not_go_with_the_sequence_is_refused(frames, scene):
+    loaded = load_frames(frames, scene.model, {0: scene.truth})
+    pose = load_pose(scene.truth).pose
+    assert isinstance(pose.camera, Perspective)
+    other = replace(pose, camera=replace(pose.camera, fx=2.0 * pose.camera.fx))
+    with pytest.raises(PoseViewerError, match="the key's camera is another than that of"):
+        loaded.with_key(1, other)
+    with pytest.raises(SettingsError, match="`key=4`: frames has 3 frames; name one of them"):
+        loaded.with_key(3, pose)
+    with pytest.raises(SettingsError, match="no keys; wanted a pose"):
+        load_frames(frames, scene.model, {})
 
 
 def test_a_calibration_undistorts_every_frame(frames, scene, tmp_path):

@@ -124,6 +124,28 @@ def test_nothing_of_a_zip_is_written_outside_or_followed(tmp_path: Path) -> None
     assert (odd / "wood.png").read_text() == "/etc/passwd"
 
 
+def test_a_zip_of_a_file_and_a_folder_of_one_name_is_refused(tmp_path: Path) -> None:
+    for names in (["a", "a/b.obj"], ["a/b.obj", "a"], ["a/b", "a/b/c/d.obj"]):
+        data = zipped(dict.fromkeys(names, TRIANGLE))
+        with pytest.raises(
+            FileSetError, match=r"^c\.zip: a.* is a file in it, and a folder; rename"
+        ):
+            keep(tmp_path, {"c.zip": data})
+
+
+def test_a_zip_with_a_password_is_refused_in_words(tmp_path: Path) -> None:
+    data = bytearray(zipped({"a.obj": TRIANGLE}))
+    for start, place in ((b"PK\3\4", 6), (b"PK\1\2", 8)):
+        data[data.find(start) + place] |= 1
+    with pytest.raises(FileSetError, match=r"^b\.zip: has a password; unpack it yourself"):
+        keep(tmp_path, {"b.zip": bytes(data)})
+
+
+def test_a_file_and_a_folder_of_one_name_that_come_together_are_kept(tmp_path: Path) -> None:
+    files = {"a": b"1", "a/b.obj": TRIANGLE, "a.zip": zipped({"c.obj": TRIANGLE})}
+    assert below(keep(tmp_path, files)) == ["1/a/b.obj", "2/a/c.obj", "a"]
+
+
 def test_zips_that_unpack_to_too_much_are_refused(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("poseviewer.opening.uploads.MAX_UNPACKED_BYTES", 10_000)
     half = 6000 * b"\0"

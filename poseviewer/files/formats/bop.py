@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import numpy as np
 from msgspec import Meta
 
-from poseviewer.errors import PoseFileError, PoseViewerError
+from poseviewer.errors import PoseFileError, PoseViewerError, list_names
 from poseviewer.files.camera_forms import camera_of_matrix
 from poseviewer.files.checks import MAX_DATA_BYTES, InputFile, repair_rotation
 from poseviewer.files.formats import conversion as c
@@ -100,17 +100,18 @@ def write_bop(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) -> c.
     in_cameras, in_poses = (InputFile(out / name) for name in (CAMERAS, POSES))
     cameras, poses = (load_scene_file(file.path) for file in (in_cameras, in_poses))
     for index, view in enumerate(scene.views):
-        image = str(image_number(scene, options, index))
+        number = image_number(scene, options, index)
+        image, key = _key_of(poses, number), _key_of(cameras, number)
         camera = c.perspective_of(view.camera, "BOP")
         entries = [pose_entry(scene, i, index, options) for i in range(len(scene.objects))]
         if len(scene.objects) > 1:
             if image in poses and not options.overwrite:
                 wanted = "name another with `image`, or replace it with `overwrite`"
                 raise in_poses.error(f"image {image} is there already and was not touched", wanted)
-            cameras.pop(image, None)
+            cameras.pop(key, None)
             poses.pop(image, None)
         new = camera_entry(camera)
-        there = in_cameras.object(cameras.setdefault(image, new), f"image {image}")
+        there = in_cameras.object(cameras.setdefault(key, new), f"image {image}")
         known = camera_of_matrix(in_cameras, there.get("cam_K"), f"{image}.cam_K")
         if not same_intrinsics(known, camera):
             wanted = "give the pose another with `image`, or convert it with that camera"
@@ -126,8 +127,11 @@ def read_bop(path: Path, request: c.ConvertOptions) -> Scene:
     """Read the objects of an image; ``request.model`` may be the folder of their models."""
     file, asked = InputFile(path / POSES), request.object_id
     stem = Path(request.image or "").stem
-    posed = [(f"{item.number}", item) for item in load_bop_images(path, posed=True) if item.objects]
+    images = load_bop_images(path, True, file.warnings)
+    posed = [(f"{item.number}", item) for item in images if item.objects]
     by_number = replace(request, image=str(int(stem)) if stem.isdecimal() else request.image)
+    if file.warnings and by_number.image not in (None, *dict(posed)):
+        raise PoseFileError(file.warnings[0])
     image, unit = by_number.the_one(file, "images", posed), request.unit or UNIT
     view = view_of_file(request.photo or path / image.photo, image.camera)
     view = request.with_size(InputFile(path / CAMERAS), view)
@@ -139,21 +143,49 @@ def read_bop(path: Path, request: c.ConvertOptions) -> Scene:
         if asked in (None, number):
             counts[number] += 1
             name = f"{number}-{counts[number]}" if counts[number] > 1 else f"{number}"
-            model = model_file(folder / MODEL_FILE.format(number), unit=unit)
+            model = model_file(model_path(folder, number), unit=unit)
             place = item.camera_from_model
             place = replace(place, translation=place.translation * factor)
             objects.append(SceneObject(id=name, model=model, world_from_model=Similarity(place)))
     if not objects:
         found = f"image {image.number} has no pose of object {asked}"
         raise file.error(found, "choose another with `object_id`")
-    return Scene(views=(view,), objects=tuple(objects))
+    return Scene(views=(view,), objects=tuple(objects), notes=tuple(file.warnings))
 
 
-def load_bop_images(folder: Path, posed: bool = False) -> tuple[BopImage, ...]:
-    """All images of a scene that have a camera, by number; ``posed``: with ``scene_gt.json``."""
+def model_path(folder: Path, number: int) -> Path:
+    """The model of an object in a folder of models.
+
+    Raises:
+        PoseFileError: it is there in another format alone, and so in another unit.
+    """
+    path = folder / MODEL_FILE.format(number)
+    others = [] if path.is_file() else sorted(folder.glob(f"{path.stem}.*"))
+    if folder.name and others:
+        wanted = f"export it as {path.name}, in mm"
+        raise PoseFileError(f"{others[0].name}: a model of BOP has to be a PLY file; {wanted}.")
+    return path
+
+
+def load_bop_images(
+    folder: Path, posed: bool = False, notes: list[str] | None = None
+) -> tuple[BopImage, ...]:
+    """All images of a scene that have a camera, by number.
+
+    Args:
+        folder: of the scene.
+        posed: whether it has to have ``scene_gt.json``.
+        notes: list for a note on images that have poses and no camera; None: they are refused.
+    """
     file, objects = InputFile(folder / CAMERAS), InputFile(folder / POSES)
     cameras, poses = _by_number(file, True), _by_number(objects, posed)
     photos, images = _photos(folder), []
+    if alone := [str(number) for number in sorted(poses) if number not in cameras]:
+        found = f"no camera for {len(alone)} of the {len(poses)} images of {POSES}"
+        error = file.error(f"{found} ({list_names(alone)})", "give each image its camera there")
+        if notes is None:
+            raise error
+        notes.append(str(error))
     for number, entry in cameras.items():
         camera = _camera(file, cameras, number)
         entries = enumerate(_entries(objects, poses, number))
@@ -218,6 +250,12 @@ def save_scene_files(folder: Path, cameras: SceneFile, poses: SceneFile) -> None
 
 def _scene_texts(folder: Path, cameras: SceneFile, poses: SceneFile) -> dict[Path, str]:
     return {folder / CAMERAS: scene_text(cameras), folder / POSES: scene_text(poses)}
+
+
+def _key_of(content: SceneFile, number: int) -> str:
+    """The key of an image in a scene's file, of which some tools write zeros before."""
+    same = (key for key in content if key.isdecimal() and int(key) == number)
+    return next(same, str(number))
 
 
 def scene_text(content: SceneFile) -> str:

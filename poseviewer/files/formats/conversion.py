@@ -185,57 +185,81 @@ class Format:
         self, scene: Scene, out: Path, options: ConvertOptions
     ) -> tuple[list[Path], list[str]]:
         """Write a scene, and undistorted photos if need be; return all files, and notes."""
-        views, several = scene.views, len(scene.objects) > 1
-        notes: list[str] = []
-        files: list[Path] = []
-        ready: list[View] = []
-        if several and not self.several_objects:
-            wanted = "choose an object with `object_id`, or convert all to bop, dope, gltf, meshlab"
-            raise PoseFileError(f"Such a file holds one pose; {wanted}.")
-        if len(views) > 1 and (not self.several_photos or (several and not self.is_own)):
-            notes.append(f"It holds one photo: the other {len(views) - 1} of the set are left out.")
-            views = views[:1]
-        for number, view in enumerate(views):
+        notes, photos, views = list[str](), list[Path](), list[View]()
+        for number, view in enumerate(self._views_that_it_holds(scene, notes)):
             name = view.file.location.name or "the photo"
-            if view.file.undistortion is not None and not self.is_own:
-                if taken := _as_taken(view, self.lenses):
-                    notes.append(f"Camera and lens ({taken[1]}) are those of {name} as taken.")
-                elif ready and not view.file.location.is_file():
-                    notes.append(f"{name} is not there to be undistorted: left out.")
-                    continue
-                else:
-                    stem = Path(options.image_of(number) or name).stem
-                    path = out.parent / f"{stem}.undistorted.png"
-                    if self.photos_in is not None:  # BOP numbers its images by their files' names
-                        path = out / self.photos_in / f"{stem.zfill(6)}.png"
-                        make_folder(path.parent)
-                    view = _of_undistorted(view, path, options)
-                    files.append(path)
-                    other = f"{path.name}, the undistorted photo, which is written"
-                    notes.append(f"All numbers of {name} belong to {other}; not to that as taken.")
-            orientation = orientation_of(view.file.location)
-            if self.is_of_stored and orientation not in (UPRIGHT, *MIRRORED):
-                view = turn_view(view, WAY_BACK[orientation])
-                notes.append(f"{name} is {TURNED}; camera and pose are of the stored pixels.")
-            elif not (self.is_own or self.is_upright or ready) and orientation != UPRIGHT:
-                found = f"{name} is {TURNED}, and the pose is one in the upright photo"
-                notes.append(f"{found}; save it upright for tools that do not turn it.")
-            ready.append(view)
+            is_undistorted = view.file.undistortion is not None and not self.is_own
+            if is_undistorted and (taken := _as_taken(view, self.lenses)):
+                notes.append(f"Camera and lens ({taken[1]}) are those of {name} as taken.")
+            elif is_undistorted and views and not view.file.location.is_file():
+                notes.append(f"{name} is not there to be undistorted: left out.")
+                continue
+            elif is_undistorted:
+                stem = Path(options.image_of(number) or name).stem
+                view = _of_undistorted(view, self._path_of_photo(out, stem), options)
+                photos.append(view.file.location)
+                other = f"{view.name}, the undistorted photo, which is written"
+                notes.append(f"All numbers of {name} belong to {other}; not to that as taken.")
+            views.append(self._turned(view, name, notes, is_first=not views))
         if (assumed := focal_guess_note(scene)) and not self.is_own:
             notes.append(assumed)
-        written = self.write(replace(scene, views=tuple(ready)), out, options, notes)
-        for path in () if self.appends else written:
-            if path.is_dir():
-                raise PoseFileError(f"{path}: is a folder; name a file in it.")
-            if path.exists() and not options.overwrite:
-                wanted = "name another, or replace it with `overwrite`"
-                raise PoseFileError(f"{path}: is there already and was not touched; {wanted}.")
-        for path, content in written.items():
+        contents = self.write(replace(scene, views=tuple(views)), out, options, notes)
+        if not self.appends:
+            require_free(contents, options.overwrite)
+        for path, content in contents.items():
             if path.parent == out:
                 make_folder(out)
             data = content if isinstance(content, bytes) else content.encode()
             write_whole(path, data, PoseFileError)
-        return [*files, *written], notes
+        return [*photos, *contents], notes
+
+    def _views_that_it_holds(self, scene: Scene, notes: list[str]) -> Sequence[View]:
+        """Return all views, or the first where the format holds no more.
+
+        Raises:
+            PoseFileError: it does not hold so many objects.
+        """
+        several, others = len(scene.objects) > 1, len(scene.views) - 1
+        if several and not self.several_objects:
+            wanted = "choose an object with `object_id`, or convert all to bop, dope, gltf, meshlab"
+            raise PoseFileError(f"Such a file holds one pose; {wanted}.")
+        if self.several_photos and (self.is_own or not several):
+            return scene.views
+        if others:
+            notes.append(f"It holds one photo: the other {others} of the set are left out.")
+        return scene.views[:1]
+
+    def _path_of_photo(self, out: Path, stem: str) -> Path:
+        """Return the file of an undistorted photo."""
+        if self.photos_in is None:
+            return out.parent / f"{stem}.undistorted.png"
+        make_folder(out / self.photos_in)
+        return out / self.photos_in / f"{stem.zfill(6)}.png"  # BOP numbers images by their names
+
+    def _turned(self, view: View, name: str, notes: list[str], *, is_first: bool) -> View:
+        """Return a view in the pixels that the tool takes: as stored, or upright."""
+        orientation = orientation_of(view.file.location)
+        if self.is_of_stored and orientation not in (UPRIGHT, *MIRRORED):
+            notes.append(f"{name} is {TURNED}; camera and pose are of the stored pixels.")
+            return turn_view(view, WAY_BACK[orientation])
+        if is_first and orientation != UPRIGHT and not (self.is_own or self.is_upright):
+            found = f"{name} is {TURNED}, and the pose is one in the upright photo"
+            notes.append(f"{found}; save it upright for tools that do not turn it.")
+        return view
+
+
+def require_free(paths: Iterable[Path], may_replace: bool) -> None:
+    """Refuse to write where there is a folder, or a file that is not to be replaced.
+
+    Raises:
+        PoseFileError: one of the paths is so.
+    """
+    for path in paths:
+        if path.is_dir():
+            raise PoseFileError(f"{path}: is a folder; name a file in it.")
+        if path.exists() and not may_replace:
+            wanted = "name another, or replace it with `overwrite`"
+            raise PoseFileError(f"{path}: is there already and was not touched; {wanted}.")
 
 
 def focal_guess_note(scene: Scene) -> str:

@@ -8,7 +8,7 @@ linear colours in 8 bits and knows neither orthographic cameras nor materials wi
 import json
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -22,14 +22,16 @@ from scipy.spatial.transform import Rotation
 from poseviewer.errors import PoseFileError
 from poseviewer.files.checks import MAX_DATA_BYTES, InputFile
 from poseviewer.files.formats import conversion as c
-from poseviewer.files.mesh.gltf import gltf_header, world_matrices
+from poseviewer.files.mesh.gltf import animated_nodes, gltf_header, world_matrices
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.scene_assets import open_view, view_of_file
+from poseviewer.files.writing import write_whole
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import HALF_PIXEL, OPENGL_FROM_OPENCV
 from poseviewer.geometry.image import linear_from_srgb
 from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.painted_model import Painting
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.scene.types import Scene
 
@@ -38,6 +40,8 @@ PLANE_BEHIND = 1.05
 FAR = 100.0
 """Distance of a model from its origin, in its diameters, at which 1e-5 of it are lost."""
 NEAREST = 1e-3
+MAX_ROUNDING = 0.01
+"""Difference of two aspect ratios, over one of them, that comes of whole pixels."""
 FLOAT = 5126
 UNSIGNED = 5125
 VERTICES = 34962
@@ -104,6 +108,29 @@ def write_gltf_scene(
     return {out: file.as_bytes(nodes)}
 
 
+def save_painting(path: Path, painting: Painting) -> None:
+    """Write the ``painting_contents`` of a painted model.
+
+    Raises:
+        PoseFileError: the name does not end in .glb, or the file cannot be written.
+    """
+    if path.suffix.lower() != ".glb":
+        raise PoseFileError(f"{path.name}: painted models are written as .glb; name it so.")
+    write_whole(path, painting_contents(painting), PoseFileError)
+
+
+def painting_contents(painting: Painting) -> bytes:
+    """Return a painted model as GLB, in the model's own frame and unit.
+
+    Its colours are those of vertices. Faces that no photo shows have the material ``unpainted``,
+    the others ``painted``.
+    """
+    file, mesh, shown = _Glb(1.0), painting.mesh, painting.is_painted
+    index = file.add_mesh(mesh, materials={"painted": shown, "unpainted": ~shown})
+    node = file.add("nodes", name="model", mesh=index, translation=_origin(mesh).tolist())
+    return file.as_bytes([node])
+
+
 def _origin(mesh: Mesh) -> FloatArray:
     """Return the offset (3,) of a node, as its 32-bit floats are exact near 0 alone."""
     is_far = np.abs(mesh.bounds).max() > FAR * mesh.diameter
@@ -153,8 +180,16 @@ class _Glb:
             type=f"VEC{values.shape[1]}" if values.ndim > 1 else "SCALAR", min=low, max=high,
         )  # fmt: skip
 
-    def add_mesh(self, mesh: Mesh, unlit: str = "") -> int:
-        """Add a model about its ``_origin``, named ``unlit`` if it is shown without light."""
+    def add_mesh(
+        self, mesh: Mesh, unlit: str = "", materials: Mapping[str, NDArray[np.bool_]] | None = None
+    ) -> int:
+        """Add a model about its ``_origin``.
+
+        Args:
+            mesh: the model.
+            unlit: its name, if it is shown without light.
+            materials: faces (F,) of each material, by its name; None: all alike, without a name.
+        """
         attributes = {
             "POSITION": self.add_array(mesh.vertices - _origin(mesh)),
             "NORMAL": self.add_array(mesh.normals),
@@ -165,7 +200,13 @@ class _Glb:
         if unlit:
             self.document["extensionsUsed"] = ["KHR_materials_unlit"]
             more = {"name": unlit, "extensions": {"KHR_materials_unlit": {}}}
-        for texture in np.unique(mesh.face_texture):
+        every = {"": np.ones(len(mesh.faces), bool)}
+        named = [
+            (name, texture, chosen & (mesh.face_texture == texture))
+            for name, chosen in (materials or every).items()
+            for texture in np.unique(mesh.face_texture[chosen])
+        ]
+        for name, texture, chosen in named:
             look: dict[str, Any] = {"metallicFactor": 0.0, "roughnessFactor": 1.0}
             if texture >= 0:
                 rgb = np.ascontiguousarray(mesh.textures[texture][..., ::-1])
@@ -173,7 +214,8 @@ class _Glb:
                 image = self.add("images", bufferView=view, mimeType="image/png")
                 look["baseColorTexture"] = {"index": self.add("textures", source=image)}
             material = {"pbrMetallicRoughness": look, "doubleSided": True, **more}
-            corners = mesh.faces[mesh.face_texture == texture].reshape(-1)
+            material |= {"name": name} if name else {}
+            corners = mesh.faces[chosen].reshape(-1)
             primitives.append({
                 "attributes": attributes | ({"TEXCOORD_0": uvs} if texture >= 0 else {}),
                 "indices": self.add_array(corners, indices=True),
@@ -266,6 +308,8 @@ def read_gltf_scene(path: Path, request: c.ConvertOptions) -> Scene:
         entry = document["cameras"][nodes[index]["camera"]]
         metres = c.metres_per_unit(request.unit or "m")
         camera = _camera(file, entry, request, metres)
+        if not animated_nodes(document).isdisjoint(_with_parents(nodes, index)):
+            file.warnings.append(f"{path.name}: its camera is animated; it is taken at rest.")
     lengths = np.linalg.norm(world_from_camera[:3, :3], axis=0)
     if not np.allclose(lengths, 1.0, rtol=0.0, atol=1e-12) and np.all(lengths > 0.0):
         world_from_camera[:3, :3] /= lengths  # cameras have no size
@@ -273,6 +317,16 @@ def read_gltf_scene(path: Path, request: c.ConvertOptions) -> Scene:
     place = RigidTransform(place.rotation, place.translation / metres)
     view = view_of_file(Path(), camera, camera_from_world=OPENGL_FROM_OPENCV @ place.inverse())
     return request.scene_of(file, view, "m")
+
+
+def _with_parents(nodes: list[dict[str, Any]], index: int) -> set[int]:
+    """A node, and all that it is in."""
+    parents = {child: i for i, node in enumerate(nodes) for child in node.get("children", [])}
+    found = set[int]()
+    while index not in found:
+        found.add(index)
+        index = parents.get(index, index)
+    return found
 
 
 def _camera(
@@ -288,7 +342,12 @@ def _camera(
         scale = half_height / file.positive(lens.get("ymag"), "ymag") * metres
         return Parallel(scale, cx, cy, width, height)
     tangent = math.tan(file.positive(lens.get("yfov"), "yfov", math.pi) / 2.0)
-    aspect = file.positive(lens.get("aspectRatio", half_width / half_height), "aspectRatio")
+    own = half_width / half_height
+    aspect = file.positive(lens.get("aspectRatio", own), "aspectRatio")
+    if not extras and abs(aspect / own - 1.0) > MAX_ROUNDING:
+        said = f"its camera has an aspect ratio of {aspect:.3g}, the photo's is {own:.3g}"
+        file.warnings.append(f"{file.path.name}: {said}; its yfov is taken for the photo's height.")
+        aspect = own
     fx, fy = half_width / (tangent * aspect), half_height / tangent
     return Perspective(fx, fy, cx, cy, width, height)
 

@@ -29,13 +29,16 @@ from poseviewer.files.formats.gltf_export import Track, write_gltf_scene
 from poseviewer.files.formats.known_formats import write_own
 from poseviewer.files.photo import orientation_of, save_photo
 from poseviewer.files.scene_assets import check_frames
-from poseviewer.files.video import save_video
+from poseviewer.files.video_encoding import has_h264, save_video
 from poseviewer.files.writing import make_folder, safe_path, write_whole
 from poseviewer.geometry.lens import UPRIGHT
-from poseviewer.scene.sequence import as_still, show_frame
+from poseviewer.scene.sequence import as_still, show_frame, stale_notes
 from poseviewer.scene.types import Scene, SearchResult, View
 
-SEQUENCE_FORMATS = {"poseviewer": "", "bop": "", "csv": ".csv", "gltf": ".glb", "video": ".mp4"}
+SEQUENCE_FORMATS = {
+    "poseviewer": "", "bop": "", "csv": ".csv", "gltf": ".glb",
+    "video": ".mp4" if has_h264() else ".webm",
+}  # fmt: skip
 """Formats of sequences, and the endings of their files; "": a folder."""
 WITH_PHOTOS = ("bop", "video")
 """Formats that hold the frames' pictures beside the poses."""
@@ -75,6 +78,7 @@ def export_sequence(
     for item in scene.objects:
         if without := sum(item.id not in frame.poses for frame in scene.frames):
             notes.append(f"{item.label}: {without} of {total} frames have no pose: left out.")
+    notes += stale_notes(scene)
     if not any(frame.poses for frame in scene.frames):
         raise PoseFileError("No frame of the sequence has a pose; place the model in one.")
     is_there = out.exists() and not (out.is_dir() and not any(out.iterdir()))
@@ -97,7 +101,8 @@ def export_sequence(
         steps = np.diff(_times(scene, notes))
         step = float(np.median(steps)) if np.any(steps > 0.0) else 0.0
         rate = 1.0 / step if step > 0.0 else ASSUMED_RATE
-        save_video(out, (pictures.draw(shown) for _, shown in iterate_frames(scene)), rate)
+        drawn = (pictures.draw(shown) for _, shown in iterate_frames(scene))
+        notes += filter(None, [save_video(out, drawn, rate)])
     return [out], notes
 
 

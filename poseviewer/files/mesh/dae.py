@@ -4,6 +4,7 @@ trimesh's walk through it cuts concave polygons wrong, and passes over names of 
 beside a material, skins, and pictures that are not there.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from io import BytesIO
@@ -55,19 +56,24 @@ def read_dae(path: Path) -> p.ModelParts:
     p.check_count(path.name, "parts", wanted, p.MAX_PARTS)
     if others:
         notes.append(f"Geometries that the file's scene does not show, left out: {others:,}.")
-    parts, found = list[p.Part](), 0
-    waiting: list[tuple[Any, NDArray, str]] = [(n, np.eye(4), "") for n in document.scene.nodes]
-    while waiting:
-        node, matrix, name = waiting.pop()
-        if not isinstance(node, collada.scene.GeometryNode):
-            name, matrix = getattr(node, "node", node).name or name, matrix @ node.matrix
-            waiting += [(child, matrix, name) for child in node.children]
-            continue
-        found += 1
-        bound = {material.symbol: material for material in node.materials}
-        for primitive in (each for each in node.geometry.primitives if each.vertex is not None):
-            part = _part(primitive, bound.get(primitive.material), textures, notes)
-            parts.append(replace(part, name=name).transform(matrix))
+    found = 0
+
+    def place_parts() -> Iterator[p.Part]:
+        nonlocal found
+        waiting: list[tuple[Any, NDArray, str]] = [(n, np.eye(4), "") for n in document.scene.nodes]
+        while waiting:
+            node, matrix, name = waiting.pop()
+            if not isinstance(node, collada.scene.GeometryNode):
+                name, matrix = getattr(node, "node", node).name or name, matrix @ node.matrix
+                waiting += [(child, matrix, name) for child in node.children]
+                continue
+            found += 1
+            bound = {material.symbol: material for material in node.materials}
+            for primitive in (each for each in node.geometry.primitives if each.vertex is not None):
+                part = _part(primitive, bound.get(primitive.material), textures, notes)
+                yield replace(part, name=name).transform(matrix)
+
+    parts = p.take_parts(path.name, path.stat().st_size, place_parts())
     if found != wanted:
         raise ValueError(f"its scene shows {wanted:,} geometries, its nodes {found:,}")
     asset = document.assetInfo

@@ -4,6 +4,7 @@ import math
 import subprocess
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import starmap
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -17,7 +18,7 @@ from poseviewer.files.mesh.dae import read_dae
 from poseviewer.files.mesh.gltf import read_gltf
 from poseviewer.files.mesh.obj import read_obj
 from poseviewer.files.mesh.off import read_off
-from poseviewer.files.mesh.parts import ModelParts, Part, load_textures
+from poseviewer.files.mesh.parts import ModelParts, Part, load_textures, take_parts
 from poseviewer.files.mesh.ply import read_ply
 from poseviewer.files.mesh.size import METRES
 from poseviewer.files.mesh.stl import read_stl
@@ -53,6 +54,7 @@ def load_mesh(path: str | Path) -> Mesh:
         if ending not in READERS:
             found = f"unknown kind of model file {path.suffix!r}"
             wanted = "export it as GLB" if ending in ELSEWHERE else f"wanted one of {known}"
+            wanted = "export it as STEP or GLB" if ending in (".iges", ".igs") else wanted
             raise file.error(found, wanted)
         parts, notes, metres, y_up = READERS[ending](path)
         units = {round(math.log(length), 4): name for name, length in METRES.items()}
@@ -96,7 +98,6 @@ def _read_3ds(path: Path) -> ModelParts:
         raise MeshFileError(f"{path.name}: {wanted}.") from None
     flags = assimp_py.Process_Triangulate | assimp_py.Process_JoinIdenticalVertices
     scene = assimp_py.import_file(str(path), flags)
-    parts: list[Part] = []
     notes: list[str] = []
     names = [next(iter(paint.get("TEXTURES", {}).get(1, [])), "") for paint in scene.materials]
     textures = load_textures(path.parent, filter(None, names), notes)
@@ -110,7 +111,8 @@ def _read_3ds(path: Path) -> ModelParts:
     if alone := sorted(set(range(len(scene.meshes))) - {index for index, *_ in places}):
         notes.append(f"Objects that no node places, shown where they are drawn: {len(alone):,}.")
         places += [(index, scene.meshes[index].name, np.eye(4)) for index in alone]
-    for index, name, matrix in places:
+
+    def place_part(index: int, name: str, matrix: NDArray) -> Part:
         mesh = scene.meshes[index]
         vertices = np.array(mesh.vertices, dtype=float).reshape(-1, 3)
         part = Part(name, vertices, np.array(mesh.indices, np.int64).reshape(-1, 3))
@@ -121,7 +123,9 @@ def _read_3ds(path: Path) -> ModelParts:
             part = replace(part, uvs=uvs, texture=texture)
         elif diffuse is not None:
             part = replace(part, colours=np.asarray(diffuse)[:3])
-        parts.append(part.transform(matrix))
+        return part.transform(matrix)
+
+    parts = take_parts(path.name, path.stat().st_size, starmap(place_part, places))
     return ModelParts(parts, notes)
 
 
@@ -145,5 +149,6 @@ READERS: dict[str, Callable[[Path], ModelParts]] = {
     ".glb": read_gltf, ".gltf": read_gltf, ".3ds": isolate(_read_3ds), ".3mf": isolate(read_3mf),
     ".dae": isolate(read_dae), ".step": isolate(_read_step), ".stp": isolate(_read_step),
 }  # fmt: skip
-ELSEWHERE = (".fbx", ".usd", ".usda", ".usdc", ".usdz", ".blend", ".ifc", ".x", ".wrl")
+ELSEWHERE = (".fbx", ".usd", ".usda", ".usdc", ".usdz", ".blend", ".ifc", ".x", ".wrl", ".iges",
+             ".igs")  # fmt: skip
 """Endings of models that other programs make GLB of."""

@@ -25,6 +25,15 @@ MAX_TEXELS = 100_000_000
 MAX_TEXTURES = 2000
 MAX_PARTS = 50_000
 """Each is cut out and mended by itself: this number of them takes half a minute."""
+MAX_FACES = 20_000_000
+FREE_COPIES = 2_000_000
+"""Faces, and vertices, that a small file may have built by naming the same ones again and again:
+they take 1 GB and 15 s.
+"""
+BYTES_PER_FACE = 6
+"""Fewest bytes of a file in which each face stands once: three indices of two bytes, or a strip's
+with its vertex.
+"""
 MAX_FACTOR = 10.0
 """Largest colour taken for one from 0 to 1: colours up to 255 are nearly black below it."""
 GREY = 0.8
@@ -87,6 +96,32 @@ def check_count(name: str, what: str, count: int, most: int) -> None:
     if count > most:
         wanted = f"poseviewer takes up to {most:,}, simplify the model first"
         raise MeshFileError(f"{name}: {count:,} {what}; {wanted}.")
+
+
+def check_counts(name: str, size: int, parts: int, faces: int, vertices: int) -> None:
+    """Raise MeshFileError where a model file has too much to be built, all copies counted.
+
+    Args:
+        name: name of the file.
+        size: bytes of the file and of those that it names.
+        parts: number of parts.
+        faces: number of triangles.
+        vertices: number of vertices.
+    """
+    check_count(name, "parts", parts, MAX_PARTS)
+    most = FREE_COPIES + size // BYTES_PER_FACE
+    check_count(name, "faces with all copies", faces, min(MAX_FACES, most))
+    check_count(name, "vertices with all copies", vertices, most)
+
+
+def take_parts(name: str, size: int, parts: Iterable[Part]) -> list[Part]:
+    """List parts as they are built; raise as ``check_counts`` does as soon as they are too many."""
+    taken, faces, vertices = list[Part](), 0, 0
+    for part in parts:
+        taken.append(part)
+        faces, vertices = faces + len(part.faces), vertices + len(part.vertices)
+        check_counts(name, size, len(taken), faces, vertices)
+    return taken
 
 
 def check_indices(indices: NDArray, size: int, kind: str = "vertex") -> None:

@@ -8,11 +8,17 @@ from numpy.typing import NDArray
 
 from poseviewer.errors import MeshFileError, printable
 from poseviewer.files.checks import MAX_NUMBER as MAX_COORDINATE
-from poseviewer.files.mesh.parts import GREY, MAX_PARTS, Part, check_count, check_indices
+from poseviewer.files.mesh.parts import (
+    GREY,
+    MAX_FACES,
+    MAX_PARTS,
+    Part,
+    check_count,
+    check_indices,
+)
 from poseviewer.geometry import normals as n
 from poseviewer.geometry.mesh import Mesh
 
-MAX_FACES = 20_000_000
 MIN_COSINE = 0.25
 """A normal contradicts a face when it is further off (75 degrees); on a smooth cube it is 55."""
 BAD_NORMALS_SHARE = 0.1

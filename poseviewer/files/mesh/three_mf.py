@@ -4,6 +4,7 @@ trimesh passes over colours, and loses copies of what is built of components of 
 """
 
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from poseviewer.files.mesh.parts import (
     Part,
     check_count,
     check_indices,
+    take_parts,
 )
 
 METRES = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 0.01, "inch": 0.0254, "foot": 0.3048,
@@ -32,6 +34,8 @@ LOST = {
     "multiproperties": "layers of materials", "beamlattice": "beams",
 }  # fmt: skip
 """Elements that are not read, and what is lost with them."""
+MAX_XML_BYTES = 500_000_000
+"""Bytes of the unpacked objects: their tree takes about ten times as many."""
 BUILD = ""
 """Number, which no object has, of the list of what is built."""
 XML = etree.XMLParser(resolve_entities=False, no_network=True)
@@ -50,7 +54,10 @@ def read_3mf(path: Path) -> ModelParts:
         starts = [name for name in names if name.lower().endswith("3d/3dmodel.model")]
         if len(starts) != 1:
             raise ValueError("it has no 3D/3dmodel.model")
-        root = etree.fromstring(archive.read(starts[0]), XML)
+        size = archive.getinfo(starts[0]).file_size
+        check_count(path.name, "bytes unpacked", size, MAX_XML_BYTES)
+        text = archive.read(starts[0])
+    root = etree.fromstring(text, XML)
     for prefix in root.get("requiredextensions", "").split():
         if not any(part in (space := root.nsmap.get(prefix, prefix)) for part in READ):
             wanted = "not read here; export it without, or as GLB"
@@ -65,13 +72,16 @@ def read_3mf(path: Path) -> ModelParts:
         for number, element in objects.items()
         if copies[number]
     }
-    parts: list[Part] = []
-    waiting = [(BUILD, np.eye(4))]
-    while waiting:
-        number, above = waiting.pop()
-        parts += [part.transform(above) for part in meshes.get(number, ())]
-        inner = objects[number].iter("{*}item", "{*}component") if copies[number] else ()
-        waiting += [(own.get("objectid"), above @ _matrix(own)) for own in inner][::-1]
+
+    def place_parts() -> Iterator[Part]:
+        waiting = [(BUILD, np.eye(4))]
+        while waiting:
+            number, above = waiting.pop()
+            yield from (part.transform(above) for part in meshes.get(number, ()))
+            inner = objects[number].iter("{*}item", "{*}component") if copies[number] else ()
+            waiting.extend((own.get("objectid"), above @ _matrix(own)) for own in [*inner][::-1])
+
+    parts = take_parts(path.name, len(text), place_parts())
     notes = [f"Not read, left out: {words}." for words in lost]
     return ModelParts(parts, notes, METRES[root.get("unit", "millimeter")])
 

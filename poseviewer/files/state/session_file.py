@@ -17,7 +17,7 @@ import msgspec
 from poseviewer.errors import AutosaveError, PoseViewerError
 from poseviewer.files import scene_json as s
 from poseviewer.files.checks import MAX_DATA_BYTES, InputFile
-from poseviewer.files.writing import lock_file, open_to_append, write_whole, writing_to
+from poseviewer.files.writing import append, lock_file, write_whole, writing_to
 from poseviewer.scene.types import Frame, Scene
 
 FORMAT = "poseviewer-autosave"
@@ -42,6 +42,8 @@ class AutosavedSession:
     photo_names: tuple[str, ...]
     """Names of the views' photos as they are shown; empty: those of the files."""
     scene: Scene
+    notes: tuple[str, ...] = ()
+    """Notes on what could not be read."""
 
     @property
     def photo_name(self) -> str:
@@ -91,8 +93,7 @@ class SessionFile:
         data = (msgspec.to_builtins([i, encode(frames[i])], enc_hook=float) for i in changed)
         lines = "".join(f"{json.dumps(row, allow_nan=False)}\n" for row in data).encode()
         if is_same and lines:
-            with open_to_append(path) as file:
-                file.write(lines)
+            append(path, lines)
         elif lines:
             write_whole(path, lines, AutosaveError)
         self._frames, self._lines = frames, self._lines + len(changed)
@@ -116,15 +117,16 @@ def load_autosave(path: Path) -> AutosavedSession:
         with file.naming_errors():
             data = file.load_object()
             file.require_format(data, FORMAT, VERSION)
+            notes = list[str]()
             if (frames := _frames_path(path)).exists():
-                file.object(data.get("scene"), "scene")["frames"] = _load_frames(frames)
+                file.object(data.get("scene"), "scene")["frames"] = _load_frames(frames, notes)
             form: Any = file.decode(data, of_session.kind, raw=s.FILES)
             s.require_whole(file, form.scene)
             session: AutosavedSession = of_session.decode(form)
             session.scene.index(session.active_object)
             if not 0 <= session.active_view < len(session.scene.views):
                 raise file.error(f"active_view is {session.active_view}", "wanted one of the views")
-            return session
+            return replace(session, notes=tuple(notes))
     except PoseViewerError as error:
         reason = str(error).removeprefix(f"{path.name}: ").rstrip(".")
         found = f"the autosaved session cannot be used ({reason})"
@@ -173,13 +175,20 @@ def discard(path: Path) -> None:
         raise AutosaveError(f"{path.name}: {found}; remove it by hand.") from error
 
 
-def _load_frames(path: Path) -> list[Any]:
-    """Load the last line of each frame; one that was broken off is left out."""
-    frames = dict[int, Any]()
+def _load_frames(path: Path, notes: list[str]) -> list[Any]:
+    """Load the last line of each frame; one that was broken off is left out, with a note."""
+    frames, broken = dict[int, Any](), 0
     for line in InputFile(path, largest=MAX_DATA_BYTES).load_bytes().splitlines():
-        with suppress(ValueError, TypeError):
+        try:
             index, frame = json.loads(line)
             frames[int(index)] = frame
+        except (ValueError, TypeError):
+            broken += 1
+    if broken:
+        found = f"Changes of frames that were cut off as they were saved, left out: {broken:,}"
+        notes.append(f"{found}; these frames have the poses from before.")
+    if sorted(frames) != list(range(len(frames))):
+        raise ValueError("frames are missing")
     return [frames[index] for index in sorted(frames)]
 
 

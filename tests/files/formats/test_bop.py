@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from msgspec import structs
 
+from poseviewer.batch.bop_rows import load_scene_jobs
 from poseviewer.errors import PoseFileError
 from poseviewer.files.formats.bop import BOP, load_bop_entries, load_bop_images, read_bop
 from poseviewer.files.formats.conversion import ConvertOptions
@@ -17,6 +18,7 @@ from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene_json import scene_of_pose
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.scene.settings import FitSettings
 from tests.files.formats.cases import HEIGHT, WIDTH, perspective_record
 from tests.writing import write as write_file
 
@@ -124,6 +126,54 @@ def test_numbers_with_zeros_before_and_objects_from_0_are_read(tmp_path):
     (tmp_path / "scene_gt.json").write_text(json.dumps(poses | {"12": []}))
     with pytest.raises(PoseFileError, match="two images of one number"):
         load_bop_images(tmp_path, posed=True)
+
+
+CAMERA = {"cam_K": [400, 0, 160, 0, 400, 120, 0, 0, 1]}
+POSE = [{"cam_R_m2c": [1, 0, 0, 0, 1, 0, 0, 0, 1], "cam_t_m2c": [1, 2, 700], "obj_id": 1}]
+
+
+def test_images_with_poses_and_without_a_camera_are_named_and_counted(tmp_path):
+    write_file(tmp_path / "scene_camera.json", {"0": CAMERA})
+    write_file(tmp_path / "scene_gt.json", {f"{i:06d}": POSE for i in range(4)})
+    missing = r"no camera for 3 of the 4 images of scene_gt\.json \(1, 2, 3\)"
+    with pytest.raises(PoseFileError, match=missing):
+        load_bop_images(tmp_path)
+    sizes = ConvertOptions(photo_size=(320, 240))
+    (note,) = read_bop(tmp_path, replace(sizes, image="0")).notes
+    assert "no camera for 3 of the 4 images" in note
+    with pytest.raises(PoseFileError, match=missing):
+        read_bop(tmp_path, replace(sizes, image="2"))
+    said = [entry.problem for entry in load_bop_entries(tmp_path)]
+    assert said[0] == ""
+    assert all(f"image {i} has no camera" in problem for i, problem in enumerate(said[1:], 1))
+
+
+def test_an_image_whose_number_has_zeros_before_is_appended_to(tmp_path):
+    record = perspective_record()
+    write(record, tmp_path)
+    for name in ("scene_camera.json", "scene_gt.json"):
+        path = tmp_path / name
+        path.write_text(path.read_text().replace('"3"', '"000003"'))
+    write(record, tmp_path, object_id=6)
+    (image,) = load_bop_images(tmp_path)
+    assert [item.object_id for item in image.objects] == [5, 6]
+
+
+def test_a_model_in_another_format_is_said(tmp_path):
+    write_file(tmp_path / "scene_camera.json", {"0": CAMERA})
+    write_file(tmp_path / "scene_gt.json", {"0": POSE})
+    models = tmp_path / "models"
+    models.mkdir()
+    write_file(models / "obj_000001.glb", b"glTF")
+    options = ConvertOptions(photo_size=(320, 240), model=models)
+    with pytest.raises(
+        PoseFileError, match=r"obj_000001\.glb: .*export it as obj_000001\.ply, in mm"
+    ):
+        read_bop(tmp_path, options)
+    (job,) = load_scene_jobs(tmp_path, tmp_path / "out", FitSettings(), models, ())
+    assert "export it as obj_000001.ply, in mm" in job.problem
+    write_file(models / "obj_000001.ply", b"ply")
+    assert read_bop(tmp_path, options).objects[0].model.unit == "mm"
 
 
 def test_poses_of_a_scene_are_read_each_by_itself(tmp_path):

@@ -152,6 +152,12 @@ def test_a_dae_of_too_many_copies_is_refused_before_they_are_made(tmp_path):
         load(tmp_path, nest(plate(), *[10] * 6))
 
 
+def test_a_dae_of_too_many_triangles_is_refused_while_its_copies_are_made(tmp_path):
+    many = POLYGONS["triangles"].replace("0 1 2 0 2 3", 1000 * "0 1 2 0 2 3 ")
+    with pytest.raises(MeshFileError, match=r"^l\.dae: 2,\d{3},\d{3} vertices with all copies; "):
+        load(tmp_path, nest(plate(polygons=many), *[10] * 3))
+
+
 def test_other_scenes_of_a_dae_are_noted_and_nodes_that_are_not_read_refused(tmp_path):
     text, node = plate(), '<node><instance_node url="#n"/></node>'
     other = f'<visual_scene id="o">{node}</visual_scene></library_visual_scenes>'

@@ -11,6 +11,8 @@ import pytest
 from PIL import Image
 
 from poseviewer.errors import MeshFileError
+from poseviewer.files.checks import InputFile
+from poseviewer.files.mesh.gltf import read_gltf
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.geometry.mesh import Mesh
 
@@ -184,6 +186,93 @@ def test_instances_of_several_numbers_or_too_many_are_refused(tmp_path, counts, 
         plate.load(tmp_path)
 
 
+def many_nodes(plate: Plate) -> None:
+    plate.primitive["indices"] = plate.array(np.resize(FACES, 3000))
+    plate.nodes += [{"mesh": 0}] * 3000
+    plate.nodes[0]["children"] = list(range(1, 3001))
+
+
+def many_instances(plate: Plate) -> None:
+    plate.primitive["indices"] = plate.array(np.resize(FACES, 3000))
+    plate.entries["accessors"].append({"componentType": 5126, "count": 40_000, "type": "VEC3"})
+    attributes = {"TRANSLATION": len(plate.entries["accessors"]) - 1}
+    plate.nodes[0]["extensions"] = {"EXT_mesh_gpu_instancing": {"attributes": attributes}}
+
+
+def counted(plate: Plate, name: str, count: int) -> int:
+    """Number of an accessor, nearly all of its numbers 0."""
+    kind = {"componentType": 5126, "type": "VEC3"} if name == "POSITION" else {
+        "componentType": 5125, "type": "SCALAR"}  # fmt: skip
+    plate.entries["accessors"].append({"count": count, **kind})
+    return len(plate.entries["accessors"]) - 1
+
+
+def many_positions(plate: Plate) -> None:
+    plate.attributes.clear()
+    plate.attributes["POSITION"] = counted(plate, "POSITION", 2_000_000_000)
+    del plate.primitive["indices"]
+
+
+def many_indices(plate: Plate) -> None:
+    plate.primitive["indices"] = counted(plate, "indices", 600_000_000)
+
+
+def many_weights(plate: Plate) -> None:
+    plate.attributes.clear()
+    plate.attributes["POSITION"] = counted(plate, "POSITION", 1_000_000)
+    plate.primitive["targets"] = [{"POSITION": plate.attributes["POSITION"]}] * 100
+    plate.mesh["weights"] = [1.0] * 100
+    plate.primitive["indices"] = counted(plate, "indices", 3_000_000)
+
+
+def other_attributes(plate: Plate) -> None:
+    accessor = {"count": 2_000_000_000, "componentType": 5126, "type": "VEC4"}
+    plate.entries["accessors"].append(accessor)
+    plate.attributes["COLOR_0"] = len(plate.entries["accessors"]) - 1
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    (many_nodes, "3,001,000 faces with all copies; poseviewer takes up to 2,0"),
+    (many_instances, "40,000,000 faces with all copies; poseviewer takes"),
+    (many_positions, "666,666,666 faces with all copies; poseviewer takes"),
+    (many_indices, "200,000,000 faces with all copies; poseviewer takes"),
+    (many_weights, "101,000,000 values of vertices with all copies; poseviewer takes"),
+    (other_attributes, "its corners have attributes of several numbers"),
+])  # fmt: skip
+def test_what_a_small_file_would_grow_to_is_refused_before_any_is_built(
+    tmp_path, monkeypatch, change, words
+):
+    monkeypatch.setattr("poseviewer.files.mesh.gltf._Document.array", None)
+    plate = Plate()
+    change(plate)
+    with pytest.raises(MeshFileError, match=words):
+        plate.load(tmp_path)
+
+
+def test_vertices_that_many_primitives_share_are_built_where_they_are_used(tmp_path):
+    plate = Plate()
+    halves = [{**plate.primitive, "indices": plate.array(own)} for own in (FACES[:3], FACES[3:])]
+    plate.mesh["primitives"] = halves
+    assert quarters(plate.load(tmp_path)) == ALL
+    parts = read_gltf(tmp_path / "m.glb").parts
+    assert [len(part.vertices) for part in parts] == [3, 3]
+
+
+def test_buffers_of_one_file_are_read_once(tmp_path, monkeypatch):
+    plate = Plate()
+    plate.load(tmp_path)
+    plate.data += bytes(-len(plate.data) % 4)
+    (tmp_path / "m.bin").write_bytes(plate.data)
+    buffer = {"byteLength": len(plate.data), "uri": "m.bin"}
+    for number, view in enumerate(plate.entries["bufferViews"]):
+        view["buffer"] = number
+    read, load = list[str](), InputFile.load_bytes
+    monkeypatch.setattr(InputFile, "load_bytes", lambda s: read.append(s.path.name) or load(s))
+    mesh = plate.load(tmp_path, buffers=[buffer] * len(plate.entries["bufferViews"]))
+    assert quarters(mesh) == ALL
+    assert read == ["m.bin"]
+
+
 def test_a_skin_stands_in_the_pose_of_its_joints(tmp_path):
     """Half of the plate by a joint that moves and turns, the other half by one at rest."""
     plate = Plate()
@@ -207,7 +296,18 @@ def test_morph_weights_change_the_shape(tmp_path):
     plate = Plate()
     plate.primitive["targets"] = [{"POSITION": plate.array(np.array([[0, 0, 2]] * 4, "<f4"))}]
     plate.mesh["weights"] = [0.25]
-    assert plate.load(tmp_path).vertices[0, 2] == pytest.approx(0.5)
+    mesh = plate.load(tmp_path)
+    assert mesh.vertices[0, 2] == pytest.approx(0.5)
+    assert "Shapes with morph targets, shown at rest: 1." in mesh.notes
+
+
+def test_a_model_that_moves_is_said_to_be_at_rest(tmp_path):
+    plate = Plate()
+    plate.nodes += [{"name": "arm", "children": [0]}, {"camera": 0}]
+    channels = [{"sampler": 0, "target": {"node": node, "path": "rotation"}} for node in (1, 2)]
+    animations = [{"channels": channels, "samplers": []}]
+    mesh = plate.load(tmp_path, animations=animations, scenes=[{"nodes": [1, 2]}])
+    assert mesh.notes == ("Animated nodes, shown at rest: 1.",)
 
 
 @pytest.mark.parametrize(("cutoff", "right"), [(None, 0.0), (0.0, 1.0)])
@@ -290,6 +390,44 @@ def test_a_chain_of_thousands_of_nodes_is_read_at_once(tmp_path):
     ]
     plate.nodes[-1].pop("children")
     assert plate.load(tmp_path).bounds[1, 2] == length
+
+
+@pytest.mark.parametrize("limit", ["MAX_TEXELS", "MAX_TEXTURES"])
+def test_pictures_that_cut_are_bounded_together(tmp_path, monkeypatch, limit):
+    """Each picture of 64 x 64 px; of two, one fits."""
+    plate = Plate()
+    images = plate.entries["images"]
+    plate.picture(np.full((2, 2, 4), 255, np.uint8))
+    plate.entries["images"] += images
+    plate.mesh["primitives"].append({**plate.primitive, "material": 1})
+    plate.material["alphaMode"] = "MASK"
+    other = {**plate.material, "pbrMetallicRoughness": {"baseColorTexture": {"index": 1}}}
+    more = {"textures": [{"source": 0}, {"source": 1}], "materials": [plate.material, other]}
+    monkeypatch.setattr(
+        f"poseviewer.files.mesh.parts.{limit}", 5000 if limit == "MAX_TEXELS" else 1
+    )
+    mesh = plate.load(tmp_path, **more)
+    words = "too many pixels" if limit == "MAX_TEXELS" else "all but 1 of 2"
+    assert len(mesh.textures) == 1
+    assert [note for note in mesh.notes if words in note]
+
+
+def test_a_picture_that_many_materials_name_anew_is_read_once(tmp_path, monkeypatch):
+    plate, read = Plate(), list[str]()
+    convert = Image.Image.convert
+    monkeypatch.setattr(Image.Image, "convert", lambda own, to: read.append(to) or convert(own, to))
+    plate.entries["images"] *= 50
+    materials = []
+    for number in range(50):
+        look = {"baseColorTexture": {"index": number}}
+        materials.append(
+            {"pbrMetallicRoughness": look, "alphaMode": "MASK" if number else "OPAQUE"}
+        )
+    plate.mesh["primitives"] = [{**plate.primitive, "material": n} for n in range(50)]
+    textures = [{"source": number} for number in range(50)]
+    mesh = plate.load(tmp_path, materials=materials, textures=textures)
+    assert quarters(mesh)[::2] == ALL[::2]
+    assert sorted(read) == ["RGB", "RGB", "RGBA"]
 
 
 def test_strips_and_fans(tmp_path):

@@ -161,8 +161,8 @@ def test_a_texture_of_16_bit_grey_keeps_its_tones(tmp_path):
     assert np.all(load_mesh(tmp_path / "m.obj").textures[0] == 40_000 // 256)
 
 
-@pytest.mark.parametrize("name", ["m.fbx", "m.usdz", "m.blend"])
+@pytest.mark.parametrize("name", ["m.fbx", "m.usdz", "m.blend", "m.igs", "m.IGES"])
 def test_models_of_other_programs_are_to_be_exported_as_glb(tmp_path, name):
     (tmp_path / name).write_bytes(b"Kaydara FBX Binary")
-    with pytest.raises(MeshFileError, match="export it as GLB"):
+    with pytest.raises(MeshFileError, match=r"export it as (STEP or )?GLB"):
         load_mesh(tmp_path / name)

@@ -9,6 +9,7 @@ import trimesh
 
 from poseviewer.errors import MeshFileError
 from poseviewer.files.mesh.load import load_mesh
+from poseviewer.files.mesh.three_mf import read_3mf
 
 CORE = "http://schemas.microsoft.com/3dmanufacturing"
 MODEL = f"""<?xml version="1.0"?>
@@ -74,6 +75,12 @@ SOLID = f"""<mesh><vertices>{VERTICES}</vertices>
 <triangles><triangle v1="0" v2="1" v3="2"/></triangles></mesh>"""
 
 
+HEAVY = f"<mesh><vertices>{VERTICES}</vertices><triangles>{{}}</triangles></mesh>".format(
+    1000 * '<triangle v1="0" v2="2" v3="1"/>'
+)
+"""A mesh of very many triangles."""
+
+
 def nest(*counts: int, innermost: str = SOLID, built: int = 1) -> str:
     """A model of a triangle, ``counts[0]`` times in a row along y, and this row ``counts[1]`` times
     along z, and so on by turns.
@@ -105,10 +112,19 @@ def test_every_copy_of_nested_components_of_a_3mf_is_there(tmp_path, counts):
     (nest(*[10] * 40), "100,000 parts; poseviewer takes up to 50,000"),
     (nest(*[10] * 40, innermost="<components/>"), "0 triangles"),
     (nest(50_000, built=2), "100,000 parts"),
+    (nest(*[10] * 4, innermost=HEAVY), r"2,\d{3},\d{3} faces with all copies; poseviewer takes up"),
 ])  # fmt: skip
 def test_a_3mf_of_too_many_copies_is_refused_before_they_are_made(tmp_path, text, words):
     with pytest.raises(MeshFileError, match=rf"^p\.3mf: {words}"):
         load(tmp_path, text)
+
+
+def test_a_3mf_that_unpacks_to_too_much_is_refused_before_it_is_unpacked(tmp_path, monkeypatch):
+    load(tmp_path, TEXT)
+    monkeypatch.setattr("poseviewer.files.mesh.three_mf.MAX_XML_BYTES", len(TEXT) - 1)
+    monkeypatch.setattr(ZipFile, "read", None)
+    with pytest.raises(MeshFileError, match=rf"^p\.3mf: {len(TEXT):,} bytes unpacked; poseviewer"):
+        read_3mf(tmp_path / "p.3mf")
 
 
 BROKEN = {

@@ -196,7 +196,32 @@ def test_a_log_of_frames_is_written_anew_and_may_be_broken_off(tmp_path: Path) -
     before = as_json(kept)
     with log.open("ab") as stream:
         stream.write(log.read_bytes().splitlines()[0][:-7])
-    assert require_left(tmp_path) == (file.path, before)
+    kept = load_autosave(file.path)
+    assert as_json(replace(kept, notes=())) == before
+    (note,) = kept.notes
+    assert note.startswith("Changes of frames that were cut off as they were saved, left out: 1;")
+    log.write_bytes(b"".join(log.read_bytes().splitlines(keepends=True)[-3:]).replace(b"[0", b"[5"))
+    with pytest.raises(AutosaveError, match="frames are missing"):
+        load_autosave(file.path)
+
+
+def test_a_disk_that_fills_in_the_middle_of_a_frame_leaves_no_half_line(tmp_path: Path) -> None:
+    resource: Any = pytest.importorskip("resource")
+    file, kept = SessionFile(tmp_path), sequence(3)
+    log = file.path.with_suffix(".frames")
+    file.save(kept)
+    before = log.read_bytes()
+    kept, (soft, hard) = with_key(kept, 1), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) + 40, hard))
+    try:
+        with pytest.raises(AutosaveError, match="check that there is room"):
+            file.save(kept)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert log.read_bytes() == before
+    file.save(kept)
+    file.close()
+    assert require_left(tmp_path) == (file.path, as_json(kept))
 
 
 @pytest.mark.parametrize(("where", "value"), [
