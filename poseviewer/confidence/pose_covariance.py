@@ -103,6 +103,29 @@ class PoseCovariance:
         jacobian = _derivatives(lambda steps: zero.deviation(chart.to_pose(at + steps)), scales)
         return zero.with_matrix(jacobian @ covariance @ jacobian.T, mesh)
 
+    @classmethod
+    def from_points(
+        cls, mesh: Mesh, pose: Pose, points: FloatArray, px: float
+    ) -> PoseCovariance | None:
+        """Propagate the deviation of points in the photo, by least squares to first order.
+
+        Args:
+            mesh: the model.
+            pose: mean of the distribution.
+            points: (n, 3), in the model's frame.
+            px: standard deviation of each coordinate of a point in the photo.
+
+        Returns:
+            The distribution; None where the points do not tell the pose.
+        """
+        zero = cls(pose, mesh.centre, np.zeros((6, 6)))
+        scales = zero.scales
+        jacobian = _derivatives(lambda d: zero.pose_at(d).project(points).ravel(), scales) * scales
+        information = jacobian.T @ jacobian / px**2
+        if not np.linalg.cond(information) < 1.0 / PINV:
+            return None
+        return zero.with_matrix(np.outer(scales, scales) * np.linalg.inv(information), mesh)
+
     def with_matrix(self, matrix: FloatArray, mesh: Mesh) -> PoseCovariance:
         """Return another distribution about the same pose of the same model."""
         other = replace(self, matrix=matrix)
@@ -193,6 +216,14 @@ class PoseCovariance:
 
     def in_chart(self, chart: Chart) -> FloatArray:
         """Return the covariance (n, n) of a chart's parameters; nan for an unknown size."""
+        jacobian = self.jacobian_in(chart)
+        covariance = jacobian @ self.matrix @ jacobian.T
+        if isinstance(chart, ViewChart) and chart.free_size and self.extra != SIZE:
+            covariance[-1] = covariance[:, -1] = np.nan
+        return covariance
+
+    def jacobian_in(self, chart: Chart) -> FloatArray:
+        """Return the derivatives (n, d) of a chart's parameters by deviations."""
 
         def parameters(deviation: FloatArray) -> FloatArray:
             pose = self.pose_at(deviation)
@@ -200,11 +231,7 @@ class PoseCovariance:
                 return chart.parameters_at(pose, chart.scale * math.exp(-deviation[6]))
             return chart.from_pose(pose)
 
-        jacobian = _derivatives(parameters, self.scales)
-        covariance = jacobian @ self.matrix @ jacobian.T
-        if isinstance(chart, ViewChart) and chart.free_size and self.extra != SIZE:
-            covariance[-1] = covariance[:, -1] = np.nan
-        return covariance
+        return _derivatives(parameters, self.scales)
 
     def deviations_of(self, function: Callable[[Pose], FloatArray]) -> FloatArray:
         """Return the standard deviations (n,) of a function of the pose, to first order."""

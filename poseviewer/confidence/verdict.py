@@ -8,13 +8,13 @@ from dataclasses import asdict, dataclass
 from typing import Annotated, Literal
 
 import numpy as np
-from msgspec import Meta, Struct, field
+from msgspec import Meta, Struct, field, structs
 
 from poseviewer.errors import percent
 
 # Written by ``python -m tests.measure.calibrate --write`` from 156 trials, 123 of them right:
 FEATURES: dict[str, tuple[float, float, float]] = {
-    "turn_margin": (1.077, 0.6585, 1.584),
+    "rival_margin": (1.077, 0.6585, 1.584),
     "spread_percent": (1.679, 0.544, -0.9448),
     "outline": (0.8347, 0.1425, 0.9164),
     "seen": (1, 0.166, 1.265),
@@ -31,6 +31,8 @@ MIN_VISIBLE_FRACTION = 0.35
 """Visible fraction that a right pose needs: with less, poses far off look right, too."""
 MIN_OUTLINE = 0.65
 """Edge support that a ``found`` pose needs: plain things fit inside others, too."""
+KNOWN_DROP = 0.1
+"""Edge support by which a pose may fall short of one known to be right in the same film."""
 PLAIN_FROM = 0.7
 """Fraction of the model of one normal and reflectance from which it is plain: textured and curved
 things in photos have less than 0.4."""
@@ -44,16 +46,14 @@ SURE_IF_OCCLUDED = 0.8
 """``SURE_FROM`` of an occluded pose: the verdict is less sure of right ones, too."""
 PROBABILITY_MARGIN = 0.1
 """Probability that a turned pose must gain, and that a continued one may lose."""
-TURNED_THRESHOLD = 0.75
-"""Probability that a turned pose must have: where no pose is probable, turning does not help."""
 MIN_PROBABILITY = 0.01
 """Least probability of one photo among several: none must overrule all others."""
 MAX_SCORE = 4.0
 """Standard deviations from the trials' mean at which a feature is clipped."""
 SMALL_SPREAD_PERCENT = 3.0
 """Spread below which searches from near by came back, in % of the model's size."""
-LOW_TURN_MARGIN = 0.3
-"""Turn margin that right poses seldom have."""
+LOW_RIVAL_MARGIN = 0.3
+"""Rival margin that right poses seldom have."""
 GOOD_OUTLINE = 0.9
 """Edge support that a reason names without reserve."""
 POOR_OUTLINE = 0.75
@@ -71,9 +71,9 @@ LABELS: tuple[Label, ...] = ("lost", "doubtful", "found")
 class Features:
     """Evidence for or against a pose; all numbers are finite."""
 
-    turn_margin: float
-    """Loss added by the best rotation of 15 to 45 degrees about a principal axis, in robust
-    standard deviations of the losses of wrong poses."""
+    rival_margin: float
+    """Loss added by the best other minimum to which turned poses lead, in robust standard
+    deviations of the losses of wrong poses."""
     spread_percent: float
     """Median distance at which descents from near by end, in % of the model's size."""
     outline: float
@@ -121,21 +121,40 @@ def percent_right(label: str, probability: float) -> int:
     return min(max(math.floor(100.0 * probability), low), high)
 
 
-def judge(features: Features | None) -> Verdict:
-    """Judge a pose by logistic regression on its features; None: the model is not visible."""
+def judge(features: Features | None, known_outline: float = 1.0) -> Verdict:
+    """Judge a pose by logistic regression on its features.
+
+    Args:
+        features: evidence; None: the model is not visible.
+        known_outline: edge support of the model at a pose that is known to be right.
+    """
     if features is None:
         return Verdict("lost", 0.0, ("Hardly anything of the model is visible there.",))
-    score = OFFSET
-    for name, (mean, deviation, weight) in FEATURES.items():
-        z = (compress_feature(name, getattr(features, name)) - mean) / deviation
-        score += weight * min(max(z, -MAX_SCORE), MAX_SCORE)
+    score = OFFSET + sum(_scores(features).values())
     probability = 1.0 / (1.0 + math.exp(-score)) if features.seen >= MIN_VISIBLE_FRACTION else 0.0
     outline, visible = MIN_OUTLINE, 0.0
     if features.is_plain:
         outline, visible = PLAIN_OUTLINE, PLAIN_VISIBLE
+    outline = min(outline, known_outline - KNOWN_DROP)
     is_found = features.outline >= outline and features.seen >= visible
     label = _label(is_found and probability >= FOUND_FROM, probability < LOST_BELOW)
     return Verdict(label, probability, reasons_for(features), asdict(features))
+
+
+def _scores(features: Features) -> dict[str, float]:
+    """Return the term of each feature in the log odds of a pose."""
+    scores = dict[str, float]()
+    for name, (mean, deviation, weight) in FEATURES.items():
+        z = (compress_feature(name, getattr(features, name)) - mean) / deviation
+        scores[name] = weight * min(max(z, -MAX_SCORE), MAX_SCORE)
+    return scores
+
+
+def reason_against(features: Features) -> str:
+    """Return a sentence on the feature that speaks most against a pose."""
+    scores = _scores(features)
+    is_hidden = features.seen < MIN_VISIBLE_FRACTION
+    return _sentences(features)["seen" if is_hidden else min(scores, key=lambda name: scores[name])]
 
 
 def _label(is_found: bool, is_lost: bool) -> Label:
@@ -162,6 +181,17 @@ def judge_together(views: Sequence[Verdict]) -> Verdict:
     return Verdict(label, probability, reasons, views=tuple(views))
 
 
+def among(verdict: Verdict, tries: int) -> Verdict:
+    """Judge a pose that is one of several tries' ends: each had its chance to look right.
+
+    The odds are divided by the number of tries, as Bonferroni's correction divides the level.
+    """
+    probability = verdict.probability / (verdict.probability + tries * (1.0 - verdict.probability))
+    is_found = verdict.label == "found" and probability >= FOUND_FROM
+    label = _label(is_found, verdict.label == "lost" or probability < LOST_BELOW)
+    return structs.replace(verdict, label=label, probability=probability)
+
+
 def compress_feature(name: str, value: float) -> float:
     """Compress an unbounded feature by asinh: a logarithm that takes 0 and less."""
     return math.asinh(value) if name.endswith(("_margin", "_percent")) else value
@@ -169,22 +199,31 @@ def compress_feature(name: str, value: float) -> float:
 
 def reasons_for(features: Features) -> tuple[str, ...]:
     """Return sentences for and against a pose."""
+    holds = {
+        "spread_percent": True,
+        "rival_margin": features.rival_margin < LOW_RIVAL_MARGIN,
+        "outline": True,
+        "seen": features.seen < WHOLE_FROM,
+        "alike": features.is_plain,
+    }
+    return tuple(sentence for name, sentence in _sentences(features).items() if holds[name])
+
+
+def _sentences(features: Features) -> dict[str, str]:
+    """Return a sentence on each feature."""
     spread, outline = features.spread_percent, features.outline
-    turn = features.turn_margin
+    margin = features.rival_margin
     is_back = spread < SMALL_SPREAD_PERCENT
     end = "came back to it" if is_back else f"ended {spread:.0f} % of the model's size away"
-    cost = "less on the coarse photo" if turn < 0.0 else "hardly more: it may be turned"
+    fit = "better" if margin < 0.0 else "as well"
     how = "" if outline >= GOOD_OUTLINE else "only " if outline < POOR_OUTLINE else "some "
     share = percent(outline)
-    sentences = {
-        f"Searches from near by {end}.": True,
-        f"Turned about one of its own axes the model costs {cost}.": turn < LOW_TURN_MARGIN,
-        f"Along {how}{share} of its outline the photo has an edge of that direction.": True,
-        f"Only {percent(features.seen)} of the model is seen: the rest lies on pixels left out.": (
-            features.seen < WHOLE_FROM
-        ),
-        "The model is flat and of one colour there: its outline alone tells where it is.": (
-            features.is_plain
-        ),
+    turned = f"A search from a turned pose ends where the coarse photo fits {fit}"
+    seen = f"Only {percent(features.seen)} of the model is seen"
+    return {
+        "spread_percent": f"Searches from near by {end}.",
+        "rival_margin": f"{turned}: it may be turned.",
+        "outline": f"Along {how}{share} of its outline the photo has an edge of that direction.",
+        "seen": f"{seen}: the rest lies on pixels left out.",
+        "alike": "The model is flat and of one colour there: its outline alone tells where it is.",
     }
-    return tuple(sentence for sentence, holds in sentences.items() if holds)

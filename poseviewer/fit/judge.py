@@ -1,6 +1,7 @@
-"""Judge a pose by the losses about it, and find a better one turned about an axis."""
+"""Judge a pose by the losses about it, and by the minima that turned poses lead to."""
 
 import math
+from collections.abc import Sequence
 from contextlib import closing, suppress
 from dataclasses import replace
 from functools import partial
@@ -8,7 +9,7 @@ from functools import partial
 import numpy as np
 from msgspec import structs
 
-from poseviewer.confidence.pose_covariance import PoseCovariance, joint_covariance
+from poseviewer.confidence.pose_covariance import PoseCovariance, joint_covariance, short
 from poseviewer.confidence.verdict import Features, Verdict, judge, judge_together
 from poseviewer.errors import PoseViewerError
 from poseviewer.fit.covariance import find_covariance
@@ -19,9 +20,12 @@ from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose, level_pose
 from poseviewer.geometry.charts import OutsideChartError
+from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.optimise.nelder_mead import Descent
+from poseviewer.optimise.protocol import State
 from poseviewer.render.attributes import AttributeImage, Renderer
-from poseviewer.render.pyramid.levels import model_mask, visible_fraction
+from poseviewer.render.pyramid.levels import model_mask
+from poseviewer.render.renderers import make_renderer
 
 ALIKE_DISTANCE = 0.1
 """Distance of attributes, normal (unit) and reflectance in [0, 1], up to which they are alike."""
@@ -40,13 +44,21 @@ RETURNS = 4
 RETURN_DISTANCE = 0.15
 """Distance of the returns' starts: radians, or fraction of the radius."""
 RETURN = Descent(edge=0.08, evaluations=60)
-"""A return, or a descent from a turned pose: long enough to come back to a clear minimum."""
+"""A return: long enough to come back to a clear minimum."""
 FROM_POSE = Descent(edge=0.03, evaluations=50)
 """Descent from the pose itself: the coarse minimum is a little beside the photo's."""
-TURN_GAIN = 0.02
-"""Loss that a turned pose must gain on the coarse level, as in a search's last stage."""
-OUTLINE_OVERLAP = 0.75
-"""Intersection over union of two silhouettes from which they count as the same."""
+TURNS_DEG = (30.0, -30.0)
+"""Rotations from which descents come back to a right pose; wrong ones mostly have a rival there."""
+NEAR_TURNS_DEG = (15.0, 30.0, 45.0, -15.0, -30.0, -45.0)
+"""Rotations that are compared as they stand where a pose is followed."""
+FROM_TURN = (Descent(edge=0.08, evaluations=50), Descent(edge=0.08, evaluations=100))
+"""Descent from a turned pose, restarted where it has not come back by then."""
+RIVAL_DISTANCE = 0.04
+"""Distance, by the model's size, from which another minimum is another pose."""
+MAX_DEVIATION = 0.1
+"""Standard deviation of a ``found`` pose in the photo, by the model's size there, at most."""
+RIVAL_GAIN = 0.02
+"""Loss by which a rival must be better on the coarse level, as in a search's last stage."""
 
 
 def judge_end(
@@ -55,6 +67,8 @@ def judge_end(
     threads: int = 1,
     probed: Features | None = None,
     covariance: PoseCovariance | None = None,
+    is_followed: bool = False,
+    known_outline: float = 1.0,
 ) -> FitProgress:
     """Add the verdict on a search's final pose, and its covariance.
 
@@ -66,10 +80,12 @@ def judge_end(
         threads: number of threads.
         probed: features of a pose near by, for the losses about this one; None: evaluate these.
         covariance: covariance of the pose; None: find it.
+        is_followed: whether the pose is known to be near the last one: no rival can be far.
+        known_outline: edge support of the model at a pose that is known to be right.
     """
     problem = progress.problem
     parameters = progress.parameters
-    features = None
+    features = rival = None
     if len(problem.views) > 1:
         pairs = zip(problem.by_view, problem.poses(parameters), strict=True)
         in_views = [replace(progress, problem=problem, pose=pose) for problem, pose in pairs]
@@ -78,13 +94,14 @@ def judge_end(
         if verdict.label != "lost":
             charts, known = [view.chart for view in problem.views], [one.covariance for one in each]
             covariance = joint_covariance(charts, known, parameters, problem.mesh)
-        return replace(progress, verdict=_add_reservations(verdict, problem), covariance=covariance)
+        verdict = _add_reservations(verdict, problem, covariance)
+        return replace(progress, verdict=verdict, covariance=covariance, rival=each[0].rival)
     probing = partial(Probe, problem, renderer, progress.pose, threads)
     if progress.status is not Status.NOTHING_SEEN:
         # Raises for a pose in part behind the camera, or on the border of its chart.
         with suppress(PoseViewerError), closing(probing()) as probe:
-            features = gather_features(probe, probed)
-    verdict = _add_reservations(judge(features), problem)
+            features, rival = gather_features(probe, probed, is_followed)
+    verdict = judge(features, known_outline)
     if features is None or verdict.label == "lost":
         covariance = None
     elif covariance is None:
@@ -92,67 +109,116 @@ def judge_end(
         unknown = PoseViewerError, OutsideChartError, np.linalg.LinAlgError
         with suppress(*unknown), closing(probing(is_fine=True)) as probe:
             covariance = find_covariance(probe, features.seen)
-    return replace(progress, verdict=verdict, covariance=covariance)
+    verdict = _add_reservations(verdict, problem, covariance)
+    return replace(progress, verdict=verdict, covariance=covariance, rival=rival)
 
 
-def _add_reservations(verdict: Verdict, problem: FitProblem) -> Verdict:
-    """Add reasons that the photo does not tell: the model's symmetry, and a doubtful start."""
+def bare_renderer(mesh: Mesh, renderer: Renderer) -> Renderer:
+    """Return the renderer of the model without paint, by which poses are judged: paint would
+    confirm the poses that it comes from, right or wrong.
+
+    Args:
+        mesh: the model as it is in its file.
+        renderer: renderer of this mesh, which is returned then, or of the painted model.
+    """
+    return renderer if renderer.mesh is mesh else make_renderer(mesh)
+
+
+def _add_reservations(
+    verdict: Verdict, problem: FitProblem, covariance: PoseCovariance | None
+) -> Verdict:
+    """Add what the features do not tell: a wide spread, the symmetry, and a doubtful start."""
     if verdict.label == "lost":
         return verdict
-    turns, reasons = problem.symmetry.words, verdict.reasons
+    turns, doubts = problem.symmetry.words, []
+    if covariance is not None:
+        size = np.linalg.norm(np.ptp(covariance.pose.project(hull_points(problem.mesh)), axis=0))
+        if covariance.px > MAX_DEVIATION * size:
+            doubts = [f"Where it is in the photo is known to ±{short(covariance.px)} px alone."]
+    if problem.doubt:
+        doubts.append(problem.doubt)
     if turns:
         reason = f"The model looks the same after {turns}: no photo tells these poses apart."
-        reasons = (*reasons, reason)
-    if problem.doubt:
-        verdict, reasons = structs.replace(verdict, label="doubtful"), (*reasons, problem.doubt)
-    return structs.replace(verdict, reasons=reasons)
+        verdict = structs.replace(verdict, reasons=(*verdict.reasons, reason))
+    if not doubts:
+        return verdict
+    return structs.replace(verdict, label="doubtful", reasons=(*verdict.reasons, *doubts))
 
 
-def gather_features(probe: Probe, probed: Features | None = None) -> Features | None:
+def gather_features(
+    probe: Probe, probed: Features | None = None, is_followed: bool = False
+) -> tuple[Features | None, Pose | None]:
     """Gather the features of a pose; they do not depend on the number of threads.
 
     Args:
         probe: probe of the pose.
         probed: features of a pose near by, for the losses about this one; None: evaluate these.
+        is_followed: whether rivals are turned poses themselves, without descents from them.
 
     Returns:
-        The features; None if the model is invisible, or in part behind the camera.
+        The features, None if the model is invisible, or in part behind the camera; and a better
+        pose that a descent from a turned one has found.
     """
     photo = probe.photo
     renderer = probe.renderer
     pose = probe.chart.start
     drawn = model_mask(photo, renderer, pose)
-    seen = np.count_nonzero(drawn & (photo.weights > 0.0))
-    if seen < MIN_VISIBLE_PIXELS:
-        return None
+    seen = photo.weights[drawn] > 0.0
+    if np.count_nonzero(seen) < MIN_VISIBLE_PIXELS:
+        return None, None
+    better = None
     if probed is None:
         here = float(probe.losses(np.zeros((1, len(probe.motions))))[0])
         if not math.isfinite(here):
-            return None
-        margin = _turn_margin(probe, here)
-        spread = 100.0 * float(np.median(_distances_of_returns(probe)))
+            return None, None
+        own, spread = _return_from_near(probe)
+        margin, better = _rival_margin(probe, own, () if is_followed else FROM_TURN)
+        alike = _alike_fraction(renderer.render(level_pose(pose, photo.factor)))
     else:
-        margin, spread = probed.turn_margin, probed.spread_percent
-    return Features(
-        turn_margin=margin,
+        margin, spread, alike = probed.rival_margin, probed.spread_percent, probed.alike
+    features = Features(
+        rival_margin=margin,
         spread_percent=spread,
         outline=outline_support(photo.channels, photo.weights, drawn),
-        seen=visible_fraction(photo, renderer, pose),
-        alike=_alike_fraction(renderer.render(level_pose(pose, photo.factor))),
+        seen=float(np.mean(seen)),
+        alike=alike,
     )
+    return features, better
 
 
-def _turn_margin(probe: Probe, here: float) -> float:
-    """Loss that the best turn adds to that of the pose, in deviations of wrong poses' losses."""
-    losses, turned = (
-        all_losses[np.isfinite(all_losses)]
-        for all_losses in (probe.losses(_wrong_steps(probe)), probe.losses(probe.turns()))
-    )
+def _rival_margin(
+    probe: Probe, own: State, descents: Sequence[Descent]
+) -> tuple[float, Pose | None]:
+    """Loss that the best other minimum adds to the ``own``, in deviations of wrong poses' losses;
+    and its pose where it is the better one.
+
+    Descents from turned poses lead to the other minima: a wrong pose mostly has one as good.
+    """
+    losses = probe.losses(_wrong_steps(probe))
+    losses = losses[np.isfinite(losses)]
     typical = float(np.median(losses))
     scale = max(1.4826 * float(np.median(np.abs(losses - typical))), 1e-6)
-    # If no rotation is free, a typical wrong pose stands for the best turned one.
-    gain = float((turned - here).min()) if len(turned) else max(typical - here, 0.0)
-    return gain / scale
+    if not descents:
+        turned = probe.losses(probe.turns(*NEAR_TURNS_DEG))
+        return float(turned.min(initial=max(typical, own.value)) - own.value) / scale, None
+
+    def others(turns: FloatArray) -> list[State]:
+        """Minima elsewhere to which descents from turned poses lead."""
+        steps, away = list(turns), list[State]()
+        for descent in descents:
+            ends = probe.descend([(step, descent) for step in steps])
+            away = [e for e in ends if probe.distance(own.best, e.best) > RIVAL_DISTANCE]
+            steps = [end.best for end in away]
+        return away
+
+    (own,) = probe.descend([(own.best, descents[-1])])  # as long as theirs
+    # From behind, many things look alike: the reverse side counts only where it is the better one.
+    behind = [end for end in others(probe.turns(180.0)) if end.value < own.value]
+    rivals = sorted([*others(probe.turns(*TURNS_DEG)), *behind], key=lambda end: end.value)
+    if not rivals:  # a typical wrong pose stands for them
+        return max(typical - own.value, 0.0) / scale, None
+    gain = rivals[0].value - own.value
+    return gain / scale, probe.pose(rivals[0].best) if gain < -RIVAL_GAIN else None
 
 
 def _alike_fraction(image: AttributeImage) -> float:
@@ -173,41 +239,14 @@ def _wrong_steps(probe: Probe) -> FloatArray:
     return np.hstack([axes * angles, rest, focal]) @ probe.motions.T
 
 
-def _distances_of_returns(probe: Probe) -> list[float]:
-    """Distances of the returns' ends to the coarse minimum, as fractions of the model's size."""
+def _return_from_near(probe: Probe) -> tuple[State, float]:
+    """The coarse minimum at the pose, and the median distance to it of the ends of descents from
+    near by, in % of the model's size.
+    """
     size = len(probe.motions)
     near = np.random.default_rng(1).normal(size=(RETURNS, size))
     near *= RETURN_DISTANCE / np.linalg.norm(near, axis=1, keepdims=True) * math.sqrt(size / 3.0)
     returns = [(step, RETURN) for step in near]
     minimum, *ends = probe.descend([(np.zeros(size), FROM_POSE), *returns])
-    return [probe.distance(minimum.best, end.best) for end in ends]
-
-
-def better_turn(
-    problem: FitProblem, renderer: Renderer, pose: Pose, threads: int = 1
-) -> FloatArray | None:
-    """Find a better pose of the same silhouette by descents from turned poses, on a coarse level.
-
-    A can turned about its axis keeps its silhouette, and its label tells only small rotations.
-
-    Args:
-        problem: problem of the search.
-        renderer: renderer of the model.
-        pose: pose to improve on.
-        threads: number of threads.
-
-    Returns:
-        (d,): parameters; None if a descent from the pose itself ends no worse.
-    """
-    with suppress(PoseViewerError), closing(Probe(problem, renderer, pose, threads)) as probe:
-        photo, level = probe.level.photo, probe.level.renderer
-        starts = [np.zeros(len(probe.motions)), *probe.turns()]
-        own, *ends = probe.descend([(at, RETURN) for at in starts])
-        for end in sorted(ends, key=lambda end: end.value):
-            if end.value > own.value - TURN_GAIN:
-                break
-            here, there = (model_mask(photo, level, probe.pose(at)) for at in (starts[0], end.best))
-            if np.count_nonzero(here & there) >= OUTLINE_OVERLAP * np.count_nonzero(here | there):
-                parameters = problem.chart.from_pose(probe.pose(end.best))
-                return problem.complete(parameters[problem.free_indices])
-    return None
+    distances = [probe.distance(minimum.best, end.best) for end in ends]
+    return minimum, 100.0 * float(np.median(distances))

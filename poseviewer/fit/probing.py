@@ -34,8 +34,6 @@ SMALL_STEP = 1e-4
 """Step of a derivative by a chart's parameter, in units of its scale."""
 MIN_MOTION = 1e-3
 """Least motion, as a fraction of the greatest: differences are no more exact than this."""
-TURNS_DEG = (15.0, 30.0, 45.0)
-"""Rotations to each side: a descent finds the right one from halfway to the next."""
 FREE_FRACTION = 0.9
 """Fraction of a rotation that must lie in the free motions for the rotation to be tried."""
 
@@ -121,10 +119,12 @@ class Probe:
         except OutsideChartError:
             return np.inf
 
-    def turns(self) -> FloatArray:
-        """(t, k): steps that rotate the model about its principal axes, as far as they are free."""
+    def turns(self, *degrees: float) -> FloatArray:
+        """(t, k): steps that rotate the model by ``degrees`` about each of its principal axes, as
+        far as they are free.
+        """
         axes = principal_axes(self.mesh) @ self.chart.start.camera_from_model.rotation.T
-        angles = np.radians([*TURNS_DEG, *(-angle for angle in TURNS_DEG)])
+        angles = np.radians(degrees)
         turns = np.zeros((3 * len(angles), self.motions.shape[1]))
         turns[:, :3] = np.einsum("a,kx->akx", angles, axes).reshape(-1, 3)
         steps = turns @ self.motions.T

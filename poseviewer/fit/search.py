@@ -24,15 +24,17 @@ from msgspec import structs
 
 from poseviewer.confidence.verdict import (
     LABELS,
+    LOST_BELOW,
     PROBABILITY_MARGIN,
     SURE_FROM,
     SURE_IF_OCCLUDED,
-    TURNED_THRESHOLD,
     WHOLE_FROM,
+    Features,
     Verdict,
+    among,
 )
 from poseviewer.fit.compared_pixels import ViewResidual, enlarge_mask
-from poseviewer.fit.judge import better_turn, judge_end
+from poseviewer.fit.judge import bare_renderer, judge_end
 from poseviewer.fit.occlusion import OcclusionMask, find_occluded
 from poseviewer.fit.problem import (
     FitProblem,
@@ -58,7 +60,7 @@ from poseviewer.scene.types import ChartParameters, Scene, SearchResult
 MAX_CONTINUATIONS = 3
 """Searches continued from the end of the one before, until the pose is trusted."""
 GAIN_THRESHOLD = 0.1
-"""Loss that the last search must have gained to be continued."""
+"""Loss that the last search must have gained to be continued, and to be probed anew."""
 OCCLUSION_PASSES = 2
 """Searches for occluded pixels: the second corrects those of a pose that was still off."""
 NEW_OCCLUSION_FRACTION = 0.03
@@ -78,8 +80,10 @@ MAX_ROUNDS = 4
 """Searches of one object: two objects that slide along each other would alternate for ever."""
 
 
-LOST, FOUND = Verdict("lost", 0.0), LABELS.index("found")
-"""Verdict of an end that was not judged, and the rank of a found one."""
+LOST = Verdict("lost", 0.0)
+"""Verdict of an end that was not judged."""
+LOST_RANK, FOUND_RANK = LABELS.index("lost"), LABELS.index("found")
+"""Ranks of lost and found ends."""
 APART_PERCENT = 2.0
 """Distance, in % of the model's size, from which two ends are different poses."""
 MAX_PROPOSALS = 3
@@ -118,7 +122,7 @@ class Search:
         """
         self._make_stages, self._propose = stages, propose
         self._start = scene
-        self._renderers = renderers
+        self._renderers, self._judges = renderers, dict[int, Renderer]()
         self._threads = threads
         self._object_indices, self._view_index = tuple(object_indices), view_index
         self.scene = scene
@@ -194,9 +198,19 @@ class Search:
         self._now = SearchProgress(self.scene, self._object_index, *known)
         return self._now
 
-    def _judge(self, progress: FitProgress) -> FitProgress:
-        """Add the verdict on the pose."""
-        judged = judge_end(progress, self._renderer, self._threads)
+    def _judge(self, progress: FitProgress, before: FitProgress | None = None) -> FitProgress:
+        """Add the verdict on the pose; one that hardly gained on that ``before`` has its rivals."""
+        index = self._object_index
+        if index not in self._judges:
+            mesh = self.scene.objects[index].mesh
+            self._judges[index] = bare_renderer(mesh, self._renderer)
+        judge = self._judges[index]
+        known = None if before is None or before.verdict is None else before.verdict.features
+        if before is None or not known or before.loss - progress.loss >= GAIN_THRESHOLD:
+            judged = judge_end(progress, judge, self._threads)
+        else:
+            judged = judge_end(progress, judge, self._threads, Features(**known))
+            judged = replace(judged, rival=before.rival)
         return replace(judged, seconds=time.perf_counter() - self._began)
 
     def _most_visible(self, due: set[int]) -> int:
@@ -317,16 +331,20 @@ class Search:
             pose_before = best.pose
             before, seed = best, whole.settings.seed + 2 + best.restart
             if is_turned:
-                turned = better_turn(best.problem, self._renderer, best.pose, self._threads)
-                if turned is None:
+                rival = best.rival_parameters
+                if rival is None:
                     break
-                before = replace(best, parameters=turned)
+                before = replace(best, parameters=rival)
             after = yield from self._run(best.problem, before, best, seed=seed)
             if after.loss < best.loss:
-                after = self._judge(after)
+                after = self._judge(after, None if is_turned else best)
             loss = best.loss
-            best = after if is_accepted(after, best, is_turned) else after.keeping(best)
+            is_better = is_accepted(after, best, is_turned)
+            best = after if is_better else after.keeping(best)
             gain = loss - best.loss
+            if is_better and is_turned and best.problem is not whole:
+                # What was left out was told from the pose before.
+                return (yield from self._finish(self._rescore(whole, best), math.inf))
         return best
 
     def _try_proposals(self, end: FitProgress, occluded: Occlusions) -> Steps[FitProgress]:
@@ -348,6 +366,8 @@ class Search:
             problem = make_problem(scene, index, self._view_index, occluded)[0]
             after = yield from self._run(problem, spend(FitProgress.at_start(problem), ends[-1]))
             after = self._check_proportions((yield from self._finish(after, math.inf)))
+            if after.verdict is not None:
+                after = replace(after, verdict=among(after.verdict, len(ends) + 1))
             ends.append(after)
             if is_sure(after) or not after.may_continue:
                 break
@@ -497,7 +517,7 @@ def is_accepted(after: FitProgress, before: FitProgress, is_turned: bool) -> boo
     known = before.verdict.probability
     if not is_turned:
         return after.verdict.probability >= known - PROBABILITY_MARGIN
-    return after.verdict.probability >= max(known + PROBABILITY_MARGIN, TURNED_THRESHOLD)
+    return after.verdict.probability >= max(known + PROBABILITY_MARGIN, LOST_BELOW)
 
 
 def spend(progress: FitProgress, spent: FitProgress) -> FitProgress:
@@ -509,7 +529,8 @@ def spend(progress: FitProgress, spent: FitProgress) -> FitProgress:
 def choose_end(ends: Sequence[FitProgress]) -> FitProgress:
     """Return the likeliest of the ends of searches from several starts, the given one first.
 
-    Where others lie elsewhere it says so, and only a sure pose stays ``found`` beside one that is.
+    The given start is evidence, too: its end stays unless it is lost, or another is sure. Where
+    others lie elsewhere it says so, and only a sure pose stays ``found`` beside one that is.
     """
 
     def rank(end: FitProgress) -> tuple[int, float]:
@@ -520,7 +541,9 @@ def choose_end(ends: Sequence[FitProgress]) -> FitProgress:
         return pose_error(best.problem.mesh, end.pose, best.pose, best.problem.symmetry).percent
 
     first, best = ends[0], max(ends, key=rank)
-    is_rivalled = any(rank(end)[0] == FOUND and away(end) > APART_PERCENT for end in ends)
+    is_first_lost = rank(first)[0] == LOST_RANK < rank(best)[0]
+    best = best if is_sure(best) or is_first_lost else first
+    is_rivalled = any(rank(end)[0] == FOUND_RANK and away(end) > APART_PERCENT for end in ends)
     if best.verdict is None or not (is_rivalled or away(first) > APART_PERCENT):
         return best
     reason = "Searches from other starts end at another pose that looks right, too."

@@ -21,6 +21,8 @@ TRUST_RADIUS = 1.1
 """Longest step, and distance of the points that a model is fitted to, in sampling radii."""
 MIN_SHRINKAGE = 0.3
 """Smallest factor by which a sampling radius shrinks in one round, along any axis."""
+SLACK = 0.1
+"""Rise of the loss at a step's end, of the contour's level, at most: losses have small jumps."""
 MIN_CURVATURE = 1e-2
 """Smallest curvature as a share of the largest; smaller ones cannot be told from none."""
 
@@ -106,6 +108,40 @@ def minimise(
             break
         best_before = losses[best]
     yield replace(state(), best=centre, value=float(value), converged=True)
+
+
+def step_along(
+    objective: Objective, x0: FloatArray, axes: FloatArray, level: float
+) -> State | None:
+    """Step to the minimum near ``x0`` of a loss whose principal axes are known, by few points.
+
+    Two points on each axis tell its slope and curvature. The state's axes are scaled anew.
+
+    Args:
+        objective: function that returns the losses of points.
+        x0: (d,), the start.
+        axes: (d, d), whose columns are principal axes, as long as to the contour of ``level``.
+        level: loss above the minimum of that contour.
+
+    Returns:
+        The end; None where the minimum is farther off than the points, or the loss has none.
+    """
+    offsets = np.vstack([np.zeros(len(x0)), np.eye(len(x0)), -np.eye(len(x0))])
+    points = x0 + offsets @ axes.T
+    losses = np.array(list(objective(list(points))))
+    if not np.isfinite(losses).all():
+        return None
+    here, ahead, behind = losses[0], *np.reshape(losses[1:], (2, len(x0)))
+    curvatures = ahead + behind - 2.0 * here
+    if curvatures.min() <= MIN_CURVATURE * curvatures.max():
+        return None
+    step = 0.5 * (behind - ahead) / curvatures
+    end = x0 + axes @ step
+    (value,) = objective([end])
+    if np.linalg.norm(step) > 1.0 or not value <= here + SLACK * level:
+        return None
+    radii = np.sqrt(2.0 * level / curvatures)
+    return State(end, value, end[None], np.array([value]), axes * radii, converged=True)
 
 
 def _draw_in_ball(count: int, size: int, random: np.random.Generator) -> FloatArray:

@@ -1,11 +1,12 @@
 """The verdict's weights, from fits with known poses: ``python -m tests.measure.calibrate TABLE``.
 
-The tables are ``trials.csv`` of ``poseviewer study --real FOLDER --degrees 5,15,30 --draws 1 --out
-STUDY``. It prints how well the verdict tells right from wrong on the half of the cases that it is
-made from and on the other; ``--write`` keeps the weights. Truths that are farther off than their
-source says make right fits wrong: ``--accuracy SET PERCENT``. Few photos hide the model: with
-``--seen`` only the weight of the share that is seen comes from the tables, as of tabletops from 15
-degrees off, alone and ``--among-others``; the others stay, and so do the limits.
+The tables are those of ``tests.measure.far_starts``, and ``trials.csv`` of ``poseviewer study
+--real FOLDER --degrees 5,15,30 --draws 1 --out STUDY``. It prints how well the verdict tells right
+from wrong on the half of the cases that it is made from and on the other; ``--write`` keeps the
+weights. Truths that are farther off than their source says make right fits wrong: ``--accuracy SET
+PERCENT``. Few photos hide the model: with ``--seen`` only the weight of the share that is seen
+comes from the tables, as of tabletops from 15 degrees off, alone and ``--among-others``; the others
+stay, and so do the limits.
 """
 
 import argparse
@@ -26,6 +27,7 @@ from poseviewer.evaluation.trials import Trial
 from poseviewer.figures.text_table import Table
 from poseviewer.files.table import load_rows
 from poseviewer.geometry.arrays import FloatArray
+from tests.measure.far_starts import FarTrial
 from tests.measure.real import is_tuning
 
 VERDICT = Path(str(verdict_module.__file__))
@@ -34,7 +36,7 @@ END = "# End of what is written.\n"
 """First and last line of the part of ``VERDICT`` that ``--write`` replaces."""
 BEYOND_TRUTH_PERCENT = 1.0
 """Error beyond the truth's accuracy below which a fit is right, by the model's size, %."""
-NAMES = ("turn_margin", "spread_percent", "outline", "seen")
+NAMES = ("rival_margin", "spread_percent", "outline", "seen")
 """Features that are weighed; few, as trials are."""
 PENALTY = 1.0
 """Twice the cost of the weights' squared length: separable trials would have infinite weights."""
@@ -87,7 +89,7 @@ def load_judged(
 ) -> list[JudgedTrial]:
     """Trials with features of studies' tables; ``accuracies``, %: truths' errors by their sets."""
     trials, known = [], dict(accuracies or {})
-    for row in (row for path in tables for row in load_rows(path, Trial) if row.evidence):
+    for row in (row for path in tables for row in _load_table(path) if row.evidence_by_name):
         limit = known.get(row.set, row.accuracy_percent) + BEYOND_TRUTH_PERCENT
         weighed = tuple(compress_feature(name, row.evidence_by_name[name]) for name in NAMES)
         trials.append(JudgedTrial(row.case, row.set, row.error_percent_end < limit, weighed))
@@ -95,6 +97,12 @@ def load_judged(
     if unknown := set(known) - set(sets):
         raise SettingsError(f"no trial of set {min(unknown)!r}; the tables' sets: {sets}")
     return trials
+
+
+def _load_table(path: Path) -> list[Trial] | list[FarTrial]:
+    """Rows of a table of either kind."""
+    is_far = path.is_file() and path.read_text().startswith("case,set,kind,")
+    return load_rows(path, FarTrial) if is_far else load_rows(path, Trial)
 
 
 def calibrate(trials: Sequence[JudgedTrial]) -> Calibration:

@@ -4,7 +4,8 @@
 from poses turned by 15, 45, 60 and 90 degrees about a random axis, from one shifted by half the
 object's size, and from a model that nobody placed, in the photo's middle; each by the model's own
 colours and by the bare model. Starts follow from the case's name. Rows that OUT.csv has are not
-fitted again, so that a run goes on where it stopped.
+fitted again, so that a run goes on where it stopped. ``--judge TABLE`` judges the ends of another
+table anew, as the verdict is now, and fits nothing.
 """
 
 import argparse
@@ -12,7 +13,7 @@ import hashlib
 import json
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -26,6 +27,10 @@ from poseviewer.evaluation.cases import Case, load_cases
 from poseviewer.evaluation.trials import fetch_photo
 from poseviewer.files.scene_assets import load_model
 from poseviewer.files.table import append_row, load_rows
+from poseviewer.fit.judge import judge_end
+from poseviewer.fit.occlusion import find_occluded
+from poseviewer.fit.problem import make_problem
+from poseviewer.fit.progress import FitProgress, Status
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.geometry.transform import RigidTransform
@@ -60,8 +65,10 @@ class FarTrial:
     """One of ``KINDS``."""
     model: str
     """``own`` colours, or ``bare``."""
-    start_percent: float
-    percent: float
+    accuracy_percent: float
+    """That of the truth."""
+    error_percent_start: float
+    error_percent_end: float
     """Mean distance of the vertices in the photo, by the object's size there."""
     degrees: float
     verdict: str
@@ -76,6 +83,11 @@ class FarTrial:
     reasons: str
     end: str
     """Pose at the end, camera from model, 3 rows of 4 with blanks between."""
+
+    @property
+    def evidence_by_name(self) -> dict[str, float]:
+        """The verdict's features; none where the model is not visible."""
+        return json.loads(self.evidence)
 
     @property
     def key(self) -> tuple[str, str, str]:
@@ -149,7 +161,7 @@ def run(task: FarTask, threads: int = 1) -> FarTrial:
     view = View(PhotoFile.of(fetch_photo(case.photo)), start.camera)
     settings = FitSettings(limits=Limits(seconds=MAX_SECONDS))
     error = pose_error(model.mesh, start, case.truth, model.symmetry)
-    known = (case.name, case.set, task.kind, task.model, error.percent)
+    known = (case.name, case.set, task.kind, task.model, case.accuracy_percent, error.percent)
     try:
         end = make_registration(scene_at(view, model, start, settings=settings), renderer, 0).fit(
             threads=threads
@@ -177,6 +189,29 @@ def run(task: FarTask, threads: int = 1) -> FarTrial:
         " ".join(
             f"{number:.9g}" for number in np.ravel(end.pose.camera_from_model.as_matrix()[:3])
         ),
+    )
+
+
+def judge(cases: Mapping[str, Case], trial: FarTrial) -> FarTrial:
+    """Judge the end of a trial of one of the cases anew; its error and seconds stay."""
+    case = cases[trial.case]
+    model, renderer = fetch(case.mesh, trial.model)
+    end = np.array(trial.end.split(), float).reshape(3, 4)
+    pose = replace(case.truth, camera_from_model=RigidTransform(end[:, :3], end[:, 3]))
+    view = View(PhotoFile.of(fetch_photo(case.photo)), pose.camera)
+    problem = make_problem(scene_at(view, model, pose, settings=FitSettings()), 0)[0]
+    hidden = find_occluded(problem.photo, renderer, pose)
+    if hidden is not None:
+        problem = replace(problem, views=(problem.views[0].without(hidden),))
+    at = replace(FitProgress.at_start(problem), pose=pose, status=Status.CONVERGED)
+    verdict = judge_end(at, renderer).verdict
+    assert verdict is not None
+    return replace(
+        trial,
+        verdict=verdict.label,
+        probability=verdict.probability,
+        evidence=json.dumps({name: round(value, 4) for name, value in verdict.features.items()}),
+        reasons=" ".join(verdict.reasons),
     )
 
 
@@ -227,12 +262,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--models", default="own,bare", help="own, bare (default: both)")
     parser.add_argument("--half", choices=("tuning", "other"), help="only this half of the cases")
     parser.add_argument("--every", type=int, default=1, metavar="N", help="only each N-th case")
+    parser.add_argument("--judge", type=Path, metavar="TABLE", help="judge that table's ends anew")
     parser.add_argument("--processes", type=int, default=processors())
     options = parser.parse_args(arguments)
     done = load_rows(options.out, FarTrial) if options.out.exists() else []
     known = {trial.key for trial in done}
-    tasks = [task for task in tasks_of(options) if task.key not in known]
-    for _, trial in run_in_processes(partial(run), tasks, options.processes):
+    count = options.processes
+    if options.judge:
+        cases = {case.name: case for folder in options.folders for case in load_cases(folder)}
+        ends = [t for t in load_rows(options.judge, FarTrial) if t.end and t.key not in known]
+        work = run_in_processes(partial(judge, cases), ends, count)
+    else:
+        tasks = [task for task in tasks_of(options) if task.key not in known]
+        work = run_in_processes(run, tasks, count)
+    for _, trial in work:
         if trial is not None:
             append_row(options.out, trial)
             done.append(trial)

@@ -318,7 +318,10 @@ def do(name: str, browser: Browser) -> bool:
         cases = [case_of(case) for case in named.split()]
         cases = [replace(case, photo=Path(shutil.copy(case.photo, photos))) for case in cases]
         words = open_app(cases, folder)
-        with AppProcess(folder, *words) as app, AppPage(browser, app.url, WINDOW) as tab:
+        with (
+            AppProcess(folder, *words, has_fine_maps=True) as app,
+            AppPage(browser, app.url, WINDOW) as tab,
+        ):
             hand = Hand(tab, cases, photos)
             try:
                 begin = tab.page.get_by_text(re.compile("is not placed yet|at this pose"))

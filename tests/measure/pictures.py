@@ -19,6 +19,7 @@ from PIL import Image
 
 from assets.source.data_folder import ROOT
 from poseviewer import load
+from poseviewer.app.state.dragging import rotate
 from poseviewer.cli.main import main as command_line
 from poseviewer.evaluation.cases import Case
 from poseviewer.files.demo import demo_case
@@ -30,6 +31,8 @@ from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.geometry.placing import surface_point
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.render.software.software_renderer import SoftwareRenderer
+from poseviewer.scene.assets import ModelFile
 from poseviewer.scene.types import PlacedModel
 from poseviewer.starts.point_pairs import start_from_pairs
 from poseviewer.starts.start import StartCamera
@@ -87,6 +90,10 @@ POST = (534, 586, 665)
 """Left, right and lower end of a post in front of the car, px."""
 FRAMES = 16
 """Frames of the sequence."""
+CAR = slice(190, 570), slice(120, 830)
+"""Rows and columns of the photo about the car."""
+TINT = (0.72, 0.66, 0.86)
+"""RGB of what a photo does not paint."""
 REGION = ((140.0, 220.0), (810.0, 550.0))
 """Two corners of a rectangle about the car, px."""
 
@@ -96,15 +103,15 @@ def save(path: Path, picture: Image.Image, quality: int = QUALITY) -> None:
     picture.save(path, quality=quality, optimize=True, progressive=True)
 
 
-def save_sheet(path: Path, *pictures: np.ndarray) -> None:
-    """Write RGB pictures in two columns."""
-    height = min(round(p.shape[0] * WIDTH / p.shape[1]) for p in pictures)
+def save_sheet(path: Path, *pictures: np.ndarray, width: int = WIDTH) -> None:
+    """Write RGB pictures in two columns of a width, px."""
+    height = min(round(p.shape[0] * width / p.shape[1]) for p in pictures)
     rows = (len(pictures) + 1) // 2
-    sheet = Image.new("RGB", (2 * WIDTH + GAP, rows * (height + GAP) - GAP), "white")
+    sheet = Image.new("RGB", (2 * width + GAP, rows * (height + GAP) - GAP), "white")
     for index, picture in enumerate(pictures):
         row, column = divmod(index, 2)
-        small = Image.fromarray(picture).resize((WIDTH, height))
-        sheet.paste(small, (column * (WIDTH + GAP), row * (height + GAP)))
+        small = Image.fromarray(picture).resize((width, height))
+        sheet.paste(small, (column * (width + GAP), row * (height + GAP)))
     save(path, sheet)
 
 
@@ -116,7 +123,7 @@ def open_app(
     first: str = "at this pose",
 ) -> Iterator[AppPage]:
     """Open the app's page, dark, and wait for its ``first`` text, by default the loss."""
-    with open_browser() as browser, AppProcess(folder, *arguments) as app:
+    with open_browser() as browser, AppProcess(folder, *arguments, has_fine_maps=True) as app:
         tab = AppPage(browser, app.url, size, pixel_ratio=1.0, color_scheme="dark")
         tab.page.set_default_timeout(1000 * MAX_WAIT_S)
         tab.wait_for_text(first)
@@ -435,10 +442,30 @@ def make_time_line(folder: Path) -> None:
         save(DOCS / "time_line.jpg", shot.convert("RGB"), 60)
 
 
+def make_painted(_folder: Path) -> None:
+    """The demo's car without its colours, painted from the photo: seen as there, and from both
+    sides of it, with a tint where the photo shows nothing.
+    """
+    mesh, pose = load_model(DEMO.model).mesh, load_pose(DEMO.truth, *PHOTO).pose
+    grey = {"colours": np.full((len(mesh.vertices), 3), 0.6), "textures": ()}
+    bare = replace(mesh, **grey, face_texture=np.full(len(mesh.faces), -1))
+    painting = load(DEMO.photo, ModelFile.of(bare), pose).paint().object.painting
+    assert painting is not None
+    panels = [np.array(Image.open(DEMO.photo).convert("RGB"))]
+    for turn in (0.0, 0.7, -0.7):
+        turned = rotate(pose, bare.centre, (0.0, turn, 0.0))
+        image = SoftwareRenderer(painting.mesh).render(turned)
+        shade = 0.65 + 0.35 * np.clip(-image.normals[..., 2:], 0.0, 1.0)
+        colours = np.where(painting.is_painted[image.face_ids][..., None], image.reflectance, TINT)
+        panel = np.where(image.mask[..., None], colours * shade, 1.0)
+        panels.append(np.rint(255.0 * np.clip(panel, 0.0, 1.0)).astype(np.uint8))
+    save_sheet(DOCS / "painted.jpg", *[panel[CAR] for panel in panels], width=400)
+
+
 MAKERS = (
     make_search, make_demo, make_app, make_first, make_lens, make_export, make_pairs, make_report,
     make_wheels, make_marking, make_assumed, make_box, make_methods, make_hide, make_objects,
-    make_two, make_time_line,
+    make_two, make_time_line, make_painted,
 )  # fmt: skip
 PICTURES: dict[str, Callable[[Path], None]] = {
     **{make.__name__.removeprefix("make_"): make for make in MAKERS},

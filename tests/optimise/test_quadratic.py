@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from poseviewer.optimise.quadratic import QuadraticOptions, minimise
+from poseviewer.optimise.quadratic import QuadraticOptions, minimise, step_along
 
 OPTIONS = QuadraticOptions(sampling_radius=2.0, contour_level=0.5)
 JUMPS = 0.02
@@ -67,3 +67,31 @@ def test_rounds_end_when_nothing_is_gained():
         minimise(losses, np.zeros(6), units, QuadraticOptions(2.0, 0.5, min_gain=-1.0), seed=0)
     )
     assert len(states) < len(many)
+
+
+@pytest.mark.parametrize("size", [1, 6])
+def test_one_step_along_known_axes_reaches_the_least_place_by_few_points(size):
+    least, _, losses, units = valley(size)
+    asked = []
+
+    def counted(points):
+        asked.extend(points)
+        return losses(points)
+
+    end = step_along(counted, least + 0.5 * units @ np.ones(size) / size, units, 0.09)
+    assert end is not None
+    assert end.axes is not None
+    np.testing.assert_allclose(end.best, least, atol=1e-6)
+    assert len(asked) == 2 * size + 2
+    lengths = np.linalg.norm(end.axes, axis=0) / np.linalg.norm(units, axis=0)
+    np.testing.assert_allclose(lengths, 1.0, atol=1e-6)  # 0.3 of a length has 0.09 more
+
+
+def test_no_step_leads_beyond_its_points_or_where_there_is_no_minimum():
+    least, _, losses, units = valley(6)
+    assert step_along(losses, least + 2.0 * units[:, 0], units, 0.09) is None
+    assert (
+        step_along(lambda points: (-float(one @ one) for one in points), least, units, 1.0) is None
+    )
+    assert step_along(lambda points: iter([3.0] * len(points)), least, units, 1.0) is None
+    assert step_along(lambda points: iter([np.inf] * len(points)), least, units, 1.0) is None
