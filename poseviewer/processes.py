@@ -1,5 +1,6 @@
 """Calls in processes of this machine: many at once, or one that may crash or hang."""
 
+import math
 import multiprocessing
 import os
 import pickle
@@ -8,9 +9,12 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from multiprocessing.connection import Connection
+from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
 from poseviewer.errors import PoseViewerError
@@ -19,6 +23,20 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 _SPAWN = multiprocessing.get_context("spawn")
 """A fork would copy an OpenGL context, and other threads' locks as they happen to be."""
+CONTROL_GROUP = Path("/sys/fs/cgroup/memory.max")
+"""File in which a container finds how much memory it has."""
+TICK_S = 1.0
+"""Time between two looks at what the processes have done so far, s."""
+
+
+def memory_bytes() -> float:
+    """Return the bytes of this machine's memory, or of its control group's; infinite if unknown."""
+    known = [math.inf]
+    with suppress(AttributeError, ValueError, OSError):
+        known.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+    with suppress(ValueError, OSError):
+        known.append(int(CONTROL_GROUP.read_text()))  # or "max"
+    return min(known)
 
 
 def call_in_subprocess(
@@ -70,10 +88,19 @@ def answer() -> None:
 
 
 def run_in_processes(
-    function: Callable[[Item], Result], items: Sequence[Item], count: int
+    function: Callable[[Item], Result],
+    items: Sequence[Item],
+    count: int,
+    tick: Callable[[], object] = lambda: None,
 ) -> Iterator[tuple[Item, Result | None]]:
     """Call a function on items in up to ``count`` processes; yield each with its result as it
     comes, or with None if the process died at it twice. An error of the function ends all.
+
+    Args:
+        function: of a module.
+        items: what it is called on.
+        count: number of processes.
+        tick: called every second in which no result comes.
     """
     reader, writer = _SPAWN.Pipe(duplex=False)
     own = threading.local()  # a process for each thread: its death is no other item's
@@ -91,10 +118,20 @@ def run_in_processes(
                 del own.process
         return None
 
-    threads = ThreadPoolExecutor(count)
+    threads, ended = ThreadPoolExecutor(count), SimpleQueue[Future[Result | None]]()
+
+    def next_ended() -> Future[Result | None]:
+        while True:
+            with suppress(Empty):
+                return ended.get(timeout=TICK_S)
+            tick()
+
     try:
         running = {threads.submit(run, item): item for item in items}
-        for future in as_completed(running):
+        for future in running:
+            future.add_done_callback(ended.put)
+        for _ in items:
+            future = next_ended()
             yield running[future], future.result()
     finally:
         writer.close()

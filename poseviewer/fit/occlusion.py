@@ -46,6 +46,9 @@ MIN_CROSSING = 1.0
 """Length of outline in a piece, in square roots of its area: few occluders end at the outline."""
 EDGE_GAP = 0.3
 """Edge support of a piece's border inside the model, above that of the outline that it crosses."""
+MAX_CROSSED = 0.35
+"""Edge support of the outline where an occluder crosses it, at most: there it is not the model's;
+of wrong poses it has 0.4 and more."""
 REACH = 1.5
 """Reach beside the model, in square roots of the occluded area; more lets the model grow."""
 MIN_VISIBLE_FRACTION = 0.2
@@ -168,7 +171,7 @@ def _is_occluder(
     near = cv2.dilate(piece.astype(np.uint8), square)
     own = outline_support(photo.channels, photo.weights * inside, piece)
     crossed = outline_support(photo.channels, photo.weights * near, model)
-    return own - crossed >= EDGE_GAP
+    return crossed <= MAX_CROSSED and own - crossed >= EDGE_GAP
 
 
 def _nearest_to(occluded: NDArray[np.bool_], model: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -5,10 +5,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.render.structure import LIGHTENING, PHOTO_NOISE, SMOOTHING_PX
+from poseviewer.render.structure import (
+    LIGHTENING,
+    PHOTO_NOISE,
+    SMOOTHING_PX,
+    bounding_slices,
+)
 
 EDGE_PX = 1
 """Distance, in px, up to which an edge lies on the outline."""
+MARGIN_PX = 16
+"""Pixels about the model that are looked at: more than blur and gradient reach."""
 MIN_EDGE_FRACTION = 0.5
 """Fraction of the squared gradient across the outline: an edge within 45 degrees of it."""
 
@@ -24,6 +31,10 @@ def outline_support(
         weights: (height, width): above 0 where a pixel counts.
         covered: (height, width): pixels that show the model.
     """
+    if not covered.any():
+        return 0.0
+    near = bounding_slices(covered, MARGIN_PX)
+    channels, weights, covered = channels[near], weights[near], covered[near]
     points, normals = _outline(covered, weights)
     if not len(points):
         return 0.0

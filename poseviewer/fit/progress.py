@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.confidence.verdict import Verdict
+from poseviewer.errors import PoseViewerError
 from poseviewer.fit.problem import FitProblem, with_params
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
@@ -73,6 +75,8 @@ class FitProgress:
     """Verdict on the pose; in the last progress of a search alone."""
     covariance: PoseCovariance | None = None
     """Covariance of the pose, if it is right; in the last progress, None for a lost pose."""
+    rival: Pose | None = None
+    """Pose of less loss that the verdict came upon."""
 
     @classmethod
     def at_start(cls, problem: FitProblem) -> FitProgress:
@@ -92,6 +96,16 @@ class FitProgress:
         limits = self.problem.settings.limits
         is_left = self.evaluations < limits.evaluations and self.seconds < limits.seconds
         return is_left and self.status is Status.CONVERGED
+
+    @property
+    def rival_parameters(self) -> FloatArray | None:
+        """(d,): parameters of the rival, with what is held at its start; None: it has none."""
+        problem = self.problem
+        if self.rival is None:
+            return None
+        with suppress(PoseViewerError):  # a chart has no parameters at some poses
+            return problem.complete(problem.chart.from_pose(self.rival)[problem.free_indices])
+        return None
 
     @property
     def unexplained(self) -> float:
@@ -118,6 +132,7 @@ class FitProgress:
             loss=other.loss,
             verdict=judged.verdict,
             covariance=judged.covariance,
+            rival=judged.rival,
         )
 
 

@@ -5,11 +5,24 @@ keeps the poses of all frames: *keys*, which the user has placed, and propagated
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from poseviewer.errors import SettingsError
 from poseviewer.geometry.mask import Mask
 from poseviewer.scene.types import Frame, FramePose, InView, Scene
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameStep:
+    """Poses that a propagation has found in a frame."""
+
+    frame_index: int
+    poses: Mapping[str, FramePose]
+    """Propagated poses, by the objects' ids."""
+    note: str = ""
+    """Why a track ends here, or how far both ways are apart; "": it goes on."""
+    lost: tuple[str, ...] = ()
+    """Ids of the objects that were searched for here and not found."""
 
 
 def with_frames(scene: Scene, frames: Sequence[Frame]) -> Scene:
@@ -87,16 +100,38 @@ def store_poses(scene: Scene, poses: Mapping[int, Mapping[str, FramePose]]) -> S
 def store_key(scene: Scene, object_index: int) -> Scene:
     """Make a key of an object's pose in the frame that is shown.
 
-    The propagated poses up to the object's neighbouring keys become stale.
+    The object's propagated poses in the frames beside it become stale.
     """
     item, shown = scene.objects[object_index], scene.frame_index
     key = FramePose(world_from_model=item.world_from_model, result=item.result)
-    return _with_key(scene, item.id, shown, key)
+    scene = mark_stale(scene, item.id, shown - 1, shown + 1)
+    return _with_pose(scene, item.id, key)
 
 
 def remove_key(scene: Scene, object_index: int) -> Scene:
-    """Remove an object's pose in the frame that is shown; what was propagated from it is stale."""
-    return _with_key(scene, scene.objects[object_index].id, scene.frame_index, None)
+    """Remove an object's pose in the frame that is shown; all that was propagated up to the keys
+    beside it becomes stale.
+    """
+    object_id = scene.objects[object_index].id
+    before, after = neighbouring_keys(scene, object_id, scene.frame_index)
+    return _with_pose(mark_stale(scene, object_id, before + 1, after - 1), object_id, None)
+
+
+def mark_stale(scene: Scene, object_id: str, first: int, last: int) -> Scene:
+    """Mark an object's propagated poses in some frames as stale; keys stay.
+
+    Args:
+        scene: sequence.
+        object_id: of the object.
+        first: index of the first frame.
+        last: index of the last frame.
+    """
+
+    def make_stale(name: str, pose: FramePose) -> FramePose:
+        is_kept = pose.source == "key" or name != object_id
+        return pose if is_kept else replace(pose, is_stale=True)
+
+    return change_poses(scene, make_stale, first, last)
 
 
 def remove_propagated(scene: Scene, object_id: str, first: int, last: int) -> Scene:
@@ -124,19 +159,27 @@ def neighbouring_keys(scene: Scene, object_id: str, frame_index: int) -> tuple[i
     return before, min((key for key in keys if key > frame_index), default=len(scene.frames))
 
 
-def _with_key(scene: Scene, object_id: str, shown: int, key: FramePose | None) -> Scene:
-    before, after = neighbouring_keys(scene, object_id, shown)
-
-    def make_stale(name: str, pose: FramePose) -> FramePose:
-        is_kept = pose.source == "key" or name != object_id
-        return pose if is_kept else replace(pose, is_stale=True)
-
-    scene = change_poses(scene, make_stale, before + 1, after - 1)
+def _with_pose(scene: Scene, object_id: str, pose: FramePose | None) -> Scene:
+    """The sequence with an object's pose in the frame that is shown, or without one."""
+    shown = scene.frame_index
     frame = scene.frames[shown]
-    poses = {name: pose for name, pose in frame.poses.items() if name != object_id}
-    poses |= {} if key is None else {object_id: key}
+    poses = {name: own for name, own in frame.poses.items() if name != object_id}
+    poses |= {} if pose is None else {object_id: pose}
     frames = (*scene.frames[:shown], replace(frame, poses=poses), *scene.frames[shown + 1 :])
     return replace(scene, frames=frames)
+
+
+def stale_notes(scene: Scene, indices: Collection[int] | None = None) -> list[str]:
+    """Say how many poses of each object are stale in some frames; None: in all."""
+    frames, notes = scene.frames, list[str]()
+    chosen = range(len(frames)) if indices is None else indices
+    for item in scene.objects:
+        poses = [frames[index].poses[item.id] for index in chosen if item.id in frames[index].poses]
+        if stale := sum(pose.is_stale for pose in poses):
+            found = f"{item.label}: {stale} of {len(poses)} poses"
+            are = "is" if stale == 1 else "are"
+            notes.append(f"{found} {are} stale, as others have changed since: propagate them anew.")
+    return notes
 
 
 def change_poses(

@@ -11,7 +11,7 @@ A field stands in files (``files.scene_json``) under its own name, or the ``key`
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -26,6 +26,7 @@ from poseviewer.geometry.camera import Camera, Parallel, Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh, hull_in_photo
+from poseviewer.geometry.painted_model import Painting
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.symmetry_group import NO_SYMMETRY, Symmetry
 from poseviewer.geometry.transform import RigidTransform, Similarity
@@ -36,6 +37,8 @@ from poseviewer.scene.settings import FitSettings
 DEFAULTS = FitSettings()
 """Settings of an object of which nobody has said any; files leave them out."""
 NOT_IN_FILES = {"key": None}
+OF_USER = {"is_of_user": True}
+"""Metadata of an object's texts that the user writes, and that pose files have, too."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,12 +180,35 @@ class SceneObject:
     """Symmetry of the mesh as a scene file says it, without its model."""
     result: SearchResult | None = None
     notes: tuple[str, ...] = ()
-    note: str = ""
+    note: Annotated[str, Meta(description="The user's.")] = field(default="", metadata=OF_USER)
+    painting: Painting | None = field(default=None, metadata=NOT_IN_FILES)
+    """The model painted from photos of it; None: it is compared as its file has it."""
+
+    @property
+    def texts(self) -> dict[str, Any]:
+        """Texts that the user has written of the object, by the fields of ``OBJECT_TEXTS``."""
+        return {name: getattr(self, name) for name in OBJECT_TEXTS}
 
     @property
     def mesh(self) -> Mesh:
-        """The surface that is compared and drawn: the model's without the parts left out."""
+        """The surface: the model's without the parts left out."""
         return self.model.content.mesh_without(self.without)
+
+    @property
+    def drawn_mesh(self) -> Mesh:
+        """The surface that is drawn: ``mesh``, painted if it is."""
+        return self.mesh if self._own_painting is None else self._own_painting.mesh
+
+    @property
+    def compared_mesh(self) -> Mesh:
+        """The surface that is compared: ``mesh``, or the print of the painted one."""
+        return self.mesh if self._own_painting is None else self._own_painting.contrast
+
+    @property
+    def _own_painting(self) -> Painting | None:
+        """The painting, unless the model is another now, or lacks other parts."""
+        is_own = self.painting is not None and self.painting.bare is self.mesh
+        return self.painting if is_own else None
 
     @property
     def symmetry(self) -> Symmetry:
@@ -196,11 +222,15 @@ class SceneObject:
 
     @property
     def is_occluder(self) -> bool:
-        """True if the object's pose is trusted, so that it hides pixels of others."""
+        """True if a search has not lost the object, so that it hides pixels of others."""
         if self.hidden or not self.is_placed:
             return False
         verdict = None if self.result is None else self.result.verdict
-        return self.locked or (verdict is not None and verdict.label == "found")
+        return self.locked or (verdict is not None and verdict.label != "lost")
+
+
+OBJECT_TEXTS = tuple(one.name for one in fields(SceneObject) if one.metadata == OF_USER)
+"""Fields of an object with metadata ``OF_USER``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -213,7 +243,7 @@ class FramePose:
     result: SearchResult | None = None
     """None for a key that no search has found."""
     is_stale: bool = field(default=False, metadata={"key": "stale"})
-    """Whether a key has changed since, from which the pose was propagated."""
+    """Whether a pose beside it has changed since, or a key that led to it is gone."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -307,6 +337,14 @@ class Scene:
         motion = self.views[view_index].camera_from_world @ world_from_view
         motion = replace(motion, translation=motion.translation / item.world_from_model.scale)
         return result.covariance.in_view_of(motion, self.pose(object_index, view_index), item.mesh)
+
+    def compared_mesh(self, object_index: int) -> Mesh:
+        """Return the surface of an object that a search compares: painted, but in the only photo of
+        a scene that it was painted from, where any pose would be confirmed.
+        """
+        item, names = self.objects[object_index], [view.name for view in self.views]
+        is_own = item.painting is not None and names[0] in item.painting.photos
+        return item.mesh if is_own and len(names) == 1 else item.compared_mesh
 
     def relative_pose(self, object_index: int, other_index: int) -> Similarity:
         """The pose of an object in another's frame, in the other model's unit.
@@ -408,9 +446,9 @@ def _is_own_scale(pose: Pose, view: View, objects: int) -> bool:
     return replace(pose.camera, scale=camera.scale) == camera
 
 
-def scene_at(view: View, model: ModelFile, pose: Pose, **fields: Any) -> Scene:
-    """Make the scene of one object, with ``fields``, in one view, by the pose's camera."""
+def scene_at(view: View, model: ModelFile, pose: Pose, **more: Any) -> Scene:
+    """Make the scene of one object, with ``more`` fields, in one view, by the pose's camera."""
     view = replace(view, camera=pose.camera)
-    fields["settings"] = fields.get("settings") or FitSettings()
-    item = SceneObject(id="1", model=model, world_from_model=view.world_from_model(pose), **fields)
+    more["settings"] = more.get("settings") or FitSettings()
+    item = SceneObject(id="1", model=model, world_from_model=view.world_from_model(pose), **more)
     return Scene(views=(view,), objects=(item,))

@@ -87,6 +87,7 @@ def test_what_is_hidden_does_not_count_on_any_level(demo, behind_slab):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_fit_leaves_out_what_it_sees_in_front(demo, behind_slab, tmp_path):
     _, truth = demo
     found = behind_slab.fit()
@@ -153,7 +154,7 @@ def painted_over():
 def test_what_is_in_front_does_not_eat_an_object_whose_occluder_is_painted_over(painted_over):
     scene, truth = painted_over
     case = make_registration(scene, SoftwareRenderer(scene.objects[0].mesh))
-    end = case.fit()
+    end = case.fit(evaluations=400)
     shown = case.renderer.render_mask(truth)
     assert end.hidden is None or np.mean(end.hidden[shown]) < 0.5  # the label, if anything
     progress = end.progress

@@ -8,16 +8,11 @@ import numpy as np
 import pytest
 
 from poseviewer.api import load
-from poseviewer.app.state.document import with_camera
 from poseviewer.errors import SettingsError
-from poseviewer.evaluation.photos import demo_photo
-from poseviewer.files.demo import demo_case
-from poseviewer.files.photo import load_photo, save_image
-from poseviewer.files.pose import load_pose
 from poseviewer.fit.problem import choose_chart
 from poseviewer.fit.progress import SearchProgress
 from poseviewer.fit.search import Search
-from poseviewer.geometry.camera import Parallel, Pose, offset_principal, principal_offset
+from poseviewer.geometry.camera import Parallel, offset_principal, principal_offset
 from poseviewer.geometry.pose_error import pose_error
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.scene.settings import FitSettings
@@ -26,44 +21,8 @@ from tests.fit.test_chart_choice import CAR, pose_turned
 from tests.fit.test_views import make_scene
 from tests.view_sets import CAMERA, MESH, TRUTH, write_views
 
-CUT = 160
-"""Columns of the demo's 960 that are cut off: its middle is then a tenth of the width off."""
 FREE = FitSettings(free_principal_point=True)
 NAMES = ("principal_x", "principal_y")
-
-
-@pytest.mark.slow
-def test_a_cropped_photo_of_a_car_tells_its_principal_point(tmp_path: Path) -> None:
-    files, size = demo_case(), (960 - CUT, 720)
-    photo = tmp_path / "cropped.png"
-    save_image(photo, np.ascontiguousarray(load_photo(files.photo).pixels[:, CUT:]))
-    whole = load(files.photo, files.model, files.start)
-    truth, start = (
-        Pose(pose.camera.crop(CUT, 0, size), pose.camera_from_model)
-        for pose in (demo_photo("photo-perspective").truth, whole.pose)
-    )
-    middle = replace(start.camera, cx=400.0, cy=360.0)
-    assert principal_offset(middle, truth.camera) == pytest.approx((-0.1, 0.0))
-    start = with_camera(start, middle, whole.mesh.centre)
-    known = load(photo, files.model, start).fit(threads=2)
-    free = load(photo, files.model, start, FREE, free_focal=True).fit(threads=2)
-    before, after = (pose_error(whole.mesh, end.pose, truth) for end in (known, free))
-    assert after.percent < 0.5 * before.percent
-    assert after.rotation_deg < before.rotation_deg
-    off = np.subtract(principal_offset(middle, free.pose.camera), (-0.1, 0.0))
-    assert np.linalg.norm(off) < np.linalg.norm(principal_offset(middle, truth.camera))
-    assert free.covariance is not None
-    assert free.covariance.deviations["principal_px"] > 800 * abs(off).max()
-    assert "principal point ±" in free.covariance.words("m")
-    assert known.covariance is not None
-    assert known.covariance.deviations["sideways"] < free.covariance.deviations["sideways"]
-    free.save(tmp_path / "pose.json")
-    saved: Any = load_pose(tmp_path / "pose.json", *size)
-    assert saved.pose.camera == free.pose.camera
-    assert saved.covariance.names[6:] == ("log_focal", *NAMES)
-    assert saved.chart.names[6:] == ("width_per_focal", *NAMES)
-    assert saved.covariance.deviations == pytest.approx(free.covariance.deviations)
-    assert saved.settings["free_principal_point"]
 
 
 def find_with_wrong_cameras() -> tuple[SearchProgress, Scene, float]:
@@ -80,6 +39,7 @@ def find_with_wrong_cameras() -> tuple[SearchProgress, Scene, float]:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_several_photos_tell_the_principal_points_of_their_cameras() -> None:
     end, scene, px = find_with_wrong_cameras()
     chart, joint = end.problem.chart, end.progress.covariance

@@ -56,6 +56,7 @@ def share_off(index: int, pose: Pose) -> float:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_all_are_found_in_turn_the_one_seen_most_first():
     search = searched(scene_of(*STARTS), 0, 1, 2)
     steps = list(search.run())
@@ -145,6 +146,7 @@ def test_what_is_lost_or_stands_wholly_behind_another_is_left_and_hides_nothing(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_what_is_taken_for_found_on_top_of_a_found_object_does_not_spoil_it(monkeypatch):
     place = RigidTransform.from_rotation_vector([0.5, 0.2, 0.1], [-0.8, -0.5, 7.3])
     sphere = coloured(make_sphere(3, 0.5), (0.9, 0.6, 0.4))

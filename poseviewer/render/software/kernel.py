@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import hashlib
+import logging
 import os
 import shutil
 import tempfile
@@ -15,6 +16,8 @@ from typing import Any
 import numba
 import platformdirs
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
+
+_log = logging.getLogger(__name__)
 
 KERNELS: list[Any] = []
 """All kernels; those that others call stand before these."""
@@ -57,7 +60,12 @@ def kernels_folder() -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()
-    except OSError:
+    except OSError as error:
+        found = f"{folder.parent}: cannot be written to ({error.strerror})"
+        wanted = "name another in NUMBA_CACHE_DIR"
+        _log.warning(
+            "%s: kernels are compiled anew at each call, half a minute; %s.", found, wanted
+        )
         os.environ["NUMBA_CACHE_DIR"] = temporary = tempfile.mkdtemp(prefix="poseviewer-")
         atexit.register(shutil.rmtree, temporary, ignore_errors=True)
         folder = Path(temporary)

@@ -65,6 +65,7 @@ def disagreement(one: Moments, other: Moments) -> float:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", MESHES)
 def test_gpu_matches_software(name):
     random, mesh = np.random.default_rng(7), MESHES[name]

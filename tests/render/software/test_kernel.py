@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import poseviewer
+from poseviewer.render.software.kernel import kernels_folder
 
 COUNT = """
 from poseviewer.render.software.rasterise import _span
@@ -31,7 +32,17 @@ def test_kernels_run_where_nothing_can_be_kept(tmp_path: Path):
     assert not list(temporary.iterdir())
 
 
+def test_that_machine_code_cannot_be_kept_is_said(tmp_path: Path, monkeypatch, caplog):
+    (tmp_path / "a file").touch()
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "a file"))
+    assert kernels_folder.__wrapped__().is_dir()
+    (said,) = caplog.messages
+    assert said.startswith(f"{tmp_path / 'a file'}: cannot be written to (Not a directory)")
+    assert "compiled anew at each call" in said
+
+
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_copy_of_the_package_is_not_compiled_again_until_any_kernel_changes(tmp_path: Path):
     """The times of its files do not matter. Machine code contains that of the kernels it calls,
     whose files numba does not look at.
