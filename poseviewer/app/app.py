@@ -13,6 +13,7 @@ import viser
 
 from poseviewer.app.page.page import Page
 from poseviewer.app.page.reports import newest_drags
+from poseviewer.app.page.texts import pace_text
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.edits import (
@@ -38,6 +39,7 @@ from poseviewer.app.workers.tasks import (
     QueuedTask,
     Request,
     Restore,
+    TaskProgress,
     TaskQueue,
     TaskResult,
     restore,
@@ -48,6 +50,8 @@ from poseviewer.errors import PoseViewerError, sentence_of
 
 _log = logging.getLogger(__name__)
 
+ENDS = "Esc stops it"
+"""Note below what is being done."""
 IDLE_S = 0.25
 """Longest period of the loop: a drawing or an autosave may be due by then."""
 SWITCH_INTERVAL_S = 0.001
@@ -66,7 +70,7 @@ class App:
         features: Path | None = None,
     ) -> None:
         sys.setswitchinterval(SWITCH_INTERVAL_S)
-        self._mailbox: Mailbox[Request | TaskResult | Exception] = Mailbox()
+        self._mailbox: Mailbox[Request | TaskResult | TaskProgress | Exception] = Mailbox()
         self.session = Session(document, anchor=document.scene, saved=document).with_first_proposals
         self._tasks = TaskQueue(state)
         self._review = review
@@ -131,7 +135,7 @@ class App:
                 _log.exception("step")
             self._page.show_error(sentence_of(error))
 
-    def _handle(self, request: Request | TaskResult | Exception) -> None:
+    def _handle(self, request: Request | TaskResult | TaskProgress | Exception) -> None:
         match request:
             case Exception():
                 raise request
@@ -140,11 +144,14 @@ class App:
             case Edit():
                 self._edit(request)
                 if request.calls(cancel_drag) and self._tasks.drop():
-                    self._page.working("")
+                    self._show_work("")
             case QueuedTask():
                 self._tasks.add(request)
                 if request.working:
-                    self._page.working(request.working, "Esc stops it")
+                    self._show_work(request.working, ENDS)
+            case TaskProgress(working, pace):
+                if self._tasks.busy:
+                    self._show_work(working, f"{pace_text(pace)}\n{ENDS}")
             case SavePose(on_taken):
                 self._save(on_taken)
             case ShowHelp(client):
@@ -193,10 +200,18 @@ class App:
 
     def _finish(self, result: TaskResult) -> None:
         """Take the result of a task."""
-        self._page.working("")
+        self._show_work("")
         self._edit(forget_strokes())
         for edit in result.edits:
             with self._report_errors():
                 self._edit(edit)
         self._page.tell("Note", *result.notes)
         self._page.send(result)
+        if result.question is not None:
+            self._page.ask_every(result.question, result.client)
+
+    def _show_work(self, what: str, note: str = "") -> None:
+        """Say that a task is done that takes a moment; "" when it is over."""
+        self._page.working(what, note)
+        if bool(what) is not self.session.is_at_work:
+            self._edit(set_fields(is_at_work=bool(what)))

@@ -172,7 +172,7 @@ class Reviewer:
 
 
 def _task(run: Callable[[Session], TaskResult], draws: bool = False) -> QueuedTask:
-    return QueuedTask(lambda now, _: run(now), draws=draws)
+    return QueuedTask(lambda now, *_: run(now), draws=draws)
 
 
 def _report(queue: r.ReviewQueue) -> Iterator[Edit]:

@@ -15,14 +15,26 @@ from tests.ctrl_c import ctrl_c_ends_them
 REPOSITORY = Path(__file__).resolve().parent.parent.parent
 PATIENCE_S = 120.0
 ADDRESS = re.compile(r"http://\S+")
+MAP_SIZE = 11
+"""Points along a side of the finest maps, of 41: maps take most of the time of a page at rest."""
+COMMAND_LINE = f"""
+import sys
+from poseviewer.app.workers import maps
+from poseviewer.cli.main import main
+maps.SIZE = {MAP_SIZE}
+sys.exit(main())
+"""
 
 
 class AppProcess:
     """``poseviewer ... --no-browser``; its state and what it saves are in ``folder``."""
 
-    def __init__(self, folder: Path, *arguments: str | Path, port: int = 0) -> None:
-        """``port`` 0: any free one."""
-        command = [sys.executable, "-m", "poseviewer.cli.main", *map(str, arguments)]
+    def __init__(
+        self, folder: Path, *arguments: str | Path, port: int = 0, has_fine_maps: bool = False
+    ) -> None:
+        """``port`` 0: any free one; ``has_fine_maps``: as users have them."""
+        program = ["-m", "poseviewer.cli.main"] if has_fine_maps else ["-c", COMMAND_LINE]
+        command = [sys.executable, *program, *map(str, arguments)]
         state = str(folder / "state")
         self.folder = folder
         with ctrl_c_ends_them():

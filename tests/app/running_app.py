@@ -7,8 +7,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+import pytest
+
 from poseviewer.app.app import App
 from poseviewer.app.below_viser.guard import serve
+from poseviewer.app.workers import maps
+from tests.app.app_process import MAP_SIZE
 from tests.app.state.documents import open_files
 from tests.scene import Scene
 
@@ -31,6 +35,8 @@ class RunningApp:
 def running_app(scene: Scene, state: Path, has_start: bool = True) -> Iterator[RunningApp]:
     """The app on the scene's photo, model and start, if any; its loop must live until the end."""
     interval = sys.getswitchinterval()
+    patch = pytest.MonkeyPatch()
+    patch.setattr(maps, "SIZE", MAP_SIZE)
     guarded = serve("127.0.0.1", 0)
     document = open_files(scene.photo, scene.model, scene.start if has_start else None)
     app = App(guarded.server, document, state)
@@ -44,4 +50,5 @@ def running_app(scene: Scene, state: Path, has_start: bool = True) -> Iterator[R
         loop.join(60.0)
         guarded.stop()
         sys.setswitchinterval(interval)
+        patch.undo()
     assert not loop.is_alive()

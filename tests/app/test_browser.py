@@ -40,6 +40,7 @@ def page(tab: AppPage) -> AppPage:
     return tab
 
 
+@pytest.mark.long
 def test_five_steps_lead_through_the_demo(page: AppPage):
     page.wait_for_text("at this pose")
     page.page.get_by_role("button", name="Undo (Z)").wait_for()  # the step Place is open
@@ -60,7 +61,9 @@ def test_five_steps_lead_through_the_demo(page: AppPage):
 def test_loss_and_search_are_two_choices(page: AppPage, demo: AppProcess):
     def choose(label: str, option: str) -> None:
         page.page.get_by_label(label, exact=True).click()
-        page.page.get_by_role("option", name=option, exact=True).click()
+        chosen = page.page.get_by_role("option", name=option, exact=True)
+        chosen.click()
+        chosen.wait_for(state="hidden")  # until the list has closed, it has the keys
 
     def wait_for_search(text: str) -> None:
         field = page.page.get_by_label("Search", exact=True).and_(page.page.locator("input"))
@@ -187,6 +190,7 @@ def test_of_refusals_the_last_is_seen(page: AppPage):
     page.page.keyboard.press("Escape")
 
 
+@pytest.mark.long
 def test_a_second_tab_and_a_reload_need_no_token(page: AppPage, demo: AppProcess):
     with page.page.expect_popup() as popup:
         page.page.evaluate(f"open({demo.url.partition('?')[0]!r})")
@@ -203,6 +207,7 @@ def is_registered(page: AppPage) -> bool:
     return np.allclose(at, np.array(DEMO_PHOTO) / 2, atol=0.5)
 
 
+@pytest.mark.long
 def test_a_photo_that_is_opened_alone_asks_for_its_model(page: AppPage, scene: Scene):
     page.page.keyboard.press("Escape")
     page.drop_files([scene.photo])

@@ -14,6 +14,7 @@ OFFER = "An earlier session ended without saving"
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_after_a_crash_page_and_session_come_back(browser: Browser, tmp_path: Path, scene: Scene):
     files = (scene.photo, scene.model, "--pose", scene.start)
     with AppProcess(tmp_path, *files) as app:

@@ -71,6 +71,7 @@ def hidden_in(path: Path) -> np.ndarray:
     return pixels == 0
 
 
+@pytest.mark.long
 def test_what_is_painted_over_is_kept_and_compared_alike(tab: AppPage, scene: Scene) -> None:
     folder = scene.photo.parent
     tab.page.keyboard.press("h")

@@ -93,6 +93,7 @@ def running(tmp_path: Path) -> Iterator[RunningApp]:
         yield app
 
 
+@pytest.mark.long
 def test_a_press_ends_it_and_what_it_placed_stays(browser: Browser, running: RunningApp):
     app = running.app
     with AppPage(browser, running.url) as tab:
@@ -117,6 +118,7 @@ def test_a_press_ends_it_and_what_it_placed_stays(browser: Browser, running: Run
         tab.page.mouse.up()
 
 
+@pytest.mark.long
 def test_what_is_found_is_placed_and_taken_back_in_one_step(browser: Browser, running: RunningApp):
     with AppPage(browser, running.url) as tab:
         tab.wait_for_text("Verdict: found")

@@ -12,6 +12,7 @@ from tests.several import CAMERA, MESHES, TRUTH, make_three
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_distance_is_read_and_a_relative_pose_copied(browser: Browser, tmp_path: Path):
     pose, half = TRUTH[1].pose, MESHES[1].vertices.max(axis=0)
     towards = np.sign(pose.camera_from_model.inverse().translation)

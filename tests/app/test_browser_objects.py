@@ -48,6 +48,7 @@ def has_colour(tab: AppPage, colour: list[int], place: list[float]) -> bool:
     return int(np.count_nonzero(is_near)) > 5
 
 
+@pytest.mark.long
 def test_objects_are_removed_added_placed_hidden_and_picked(browser: Browser, tmp_path: Path):
     scene = make_three(tmp_path)
     with AppProcess(tmp_path, scene) as app, AppPage(browser, app.url, pixel_ratio=1.0) as tab:

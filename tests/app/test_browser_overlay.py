@@ -59,6 +59,7 @@ def circle_centre(weights: np.ndarray, near: tuple[float, float], reach: float) 
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_model_and_photo_coincide(browser: Browser, tmp_path: Path):
     seen = make_dots(tmp_path, Perspective(900.0, 900.0, 290.3, 231.7, *PHOTO))
     files = (tmp_path / "dots.png", tmp_path / "dots.ply", "--pose", tmp_path / "dots.json")

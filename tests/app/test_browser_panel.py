@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser
 
+from poseviewer.app.below_viser.guard import serve
+from poseviewer.app.page.controls import plain
 from tests.app.browser import READY, AppPage
 from tests.app.running_app import RunningApp, running_app
 from tests.scene import Scene
@@ -45,6 +47,23 @@ SQUEEZED = """() => [...document.querySelectorAll("label, input, button")]
     .map((node) => node.textContent || node.value)"""
 
 
+ADDRESSES = "www.a.example a.b_c@d.example Https://e.example/f HTTP://g.example www.w.www.x y@z@q.w"
+
+
+def test_addresses_in_names_are_no_links(browser: Browser) -> None:
+    guarded = serve(port=0)
+    guarded.server.gui.add_markdown(f"**{plain(ADDRESSES)}** and")
+    tab = browser.new_page()
+    try:
+        tab.goto(guarded.url)
+        tab.wait_for_function("document.querySelector('strong')")
+        assert tab.text_content("strong") == ADDRESSES
+        assert tab.locator("p:has(strong) a").count() == 0
+    finally:
+        tab.close()
+        guarded.stop()
+
+
 @pytest.fixture(scope="module")
 def running(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningApp]:
     with running_app(scene, tmp_path_factory.mktemp("state")) as app:
@@ -58,6 +77,7 @@ def page(browser: Browser, running: RunningApp) -> Iterator[AppPage]:
         yield tab
 
 
+@pytest.mark.long
 def test_first_the_page_says_what_it_is_and_then_what_to_do(
     browser: Browser, running: RunningApp
 ) -> None:
@@ -70,6 +90,7 @@ def test_first_the_page_says_what_it_is_and_then_what_to_do(
     page.close()
 
 
+@pytest.mark.long
 def test_a_calibration_file_is_chosen_in_the_cameras_panel(page: AppPage, tmp_path: Path) -> None:
     path = tmp_path / "camera.json"
     matrix = [[300.0, 0.0, 82.125], [0.0, 300.0, 57.5], [0.0, 0.0, 1.0]]

@@ -15,6 +15,7 @@ from tests.scene import Scene
 pytestmark = pytest.mark.slow
 
 
+@pytest.mark.long
 def test_rows_are_accepted_rejected_corrected_and_noted(
     browser: Browser, tmp_path: Path, scene: Scene
 ) -> None:

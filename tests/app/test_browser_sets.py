@@ -57,6 +57,7 @@ def back_to_the_scene(tab: AppPage) -> None:
     tab.wait_for_text("1,280 triangles")
 
 
+@pytest.mark.long
 def test_a_model_dropped_with_its_files_is_textured(page: AppPage, scene: Scene, tmp_path: Path):
     write_gltf(tmp_path, "wood.png")
     shutil.copy(scene.photo, tmp_path / "wood.png")
@@ -118,6 +119,7 @@ def test_what_cannot_be_used_is_one_sentence_and_nothing_is_lost(page: AppPage, 
     page.wait_for_text("1,280 triangles")
 
 
+@pytest.mark.long
 def test_many_notes_leave_the_photo_free_and_no_sentence_names_a_flag(
     page: AppPage, tmp_path: Path
 ):

@@ -116,6 +116,7 @@ def open_beside(tab: AppPage, url: str) -> Page:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_no_other_port_is_sent_the_token_whatever_it_asks(
     browser: Browser, tmp_path: Path, scene: Scene
 ) -> None:
@@ -152,6 +153,7 @@ def test_no_other_port_is_sent_the_token_whatever_it_asks(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_log_that_is_sent_to_others_has_no_token(
     browser: Browser, tmp_path: Path, scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:

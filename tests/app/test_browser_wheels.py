@@ -19,6 +19,7 @@ PHOTO = (960, 720)
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_picture_turns_and_stays_in_its_place_while_wheels_are_marked(
     browser: Browser, tmp_path: Path
 ):
@@ -47,6 +48,7 @@ def test_the_picture_turns_and_stays_in_its_place_while_wheels_are_marked(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_photo_stays_where_it_is_while_rims_place_a_car(browser: Browser, tmp_path: Path):
     case = demo_case()
     model, truth = load_model(case.model), load_pose(case.truth, *PHOTO).pose

@@ -58,7 +58,7 @@ class Review(Reviewer):
             if isinstance(request, Edit):
                 self.session = update(self.session, request)
                 continue
-            result = request.run(self.session, self.queue.batch.folder)
+            result = request.run(self.session, self.queue.batch.folder, lambda *_: None)
             self.do(*result.edits)
             notes = result.notes
         return notes

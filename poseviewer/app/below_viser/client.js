@@ -467,7 +467,8 @@ addEventListener("keydown", (event) => {
   openStepOf(action);
   if (event.key === "Escape" && state.pointer === "drag") state.pointer = null;
   const { code, key, repeat } = event;
-  send({ kind: "key", code, key, repeat, shift: event.shiftKey, ctrl: ctrl(event) });
+  const held = { shift: event.shiftKey, ctrl: ctrl(event), alt: event.altKey };
+  send({ kind: "key", code, key, repeat, ...held });
 }, true);
 // Enter and Esc leave a field, after viser has seen the key; Esc takes a number back. Enter may open
 // a dropdown.
@@ -618,8 +619,8 @@ function report(event) {
   if (!node || (event.type === "keydown" && ![" ", "Enter"].includes(event.key))) return;
   if (event.type === "keydown") event.preventDefault();
   const box = node.getBoundingClientRect();
-  const u = (event.clientX - box.left) / box.width;
   const slides = "slides" in node.dataset;
+  const u = slides ? along(box, event) : (event.clientX - box.left) / box.width;
   const message = { ...JSON.parse(node.dataset.report), u,
     v: (box.bottom - event.clientY) / box.height };
   const [at, kind] = [[event.clientX, event.clientY], node.dataset.turns];
@@ -631,7 +632,7 @@ addEventListener("pointermove", (event) => {
   const turn = state.turn;
   if (!turn) return;
   if (turn.slides) {
-    send({ ...turn.message, u: (event.clientX - turn.box.left) / turn.box.width });
+    send({ ...turn.message, u: along(turn.box, event) });
     return;
   }
   const [right, down] = [event.clientX - turn.at[0], event.clientY - turn.at[1]];
@@ -713,12 +714,87 @@ function setPictures(urls) {
 function setStrip(cells) {
   strip.innerHTML = cells;
   strip.hidden = !cells;
+  showSpan();
   const large = [...strip.children].findIndex((cell) => cell.classList.contains("pv-at"));
   if (large >= 0 && large !== state.large) {
     strip.children[large].scrollIntoView({ block: "nearest", inline: "nearest" });
   }
   state.large = large;
 }
+
+// --- the time line ------------------------------------------------------------------------------
+// The wheel zooms into a span of it. What lies under the pointer is said beside it.
+const FEWEST = 8; // frames that are shown at most zoom
+const span = { from: 0, to: 1, count: 0, at: -1 }; // shares of its frames, number of these, shown one
+const tip = document.createElement("div");
+tip.className = "pv-tip";
+let times = []; // of frames, s; null: not known
+
+const lines = () => [...strip.querySelectorAll("svg[data-slides]")];
+// Place of an event along the time line, in shares of all frames.
+const along = (box, event) =>
+  span.from + ((event.clientX - box.left) / box.width) * (span.to - span.from);
+
+// Show a length of the line, with an anchor at a part of it.
+function setSpan(length, anchor = 0, part = 0) {
+  const wide = Math.min(Math.max(length, FEWEST / Math.max(span.count, FEWEST)), 1);
+  span.from = Math.min(Math.max(anchor - part * wide, 0), 1 - wide);
+  span.to = span.from + wide;
+}
+
+// Bring the lines to the span, which follows the frame that is shown.
+function showSpan() {
+  const [line] = lines();
+  if (!line) { tip.hidden = true; return; }
+  const [count, at] = [Number(line.dataset.slides), Number(line.dataset.at)];
+  if (count !== span.count) {
+    span.count = count;
+    setSpan(1);
+  }
+  const [first, last] = [at / count, (at + 1) / count];
+  if (at !== span.at && (first < span.from || last > span.to)) {
+    setSpan(span.to - span.from, (first + last) / 2, 0.5);
+  }
+  span.at = at;
+  for (const node of lines()) {
+    node.setAttribute("viewBox", `${span.from * count} 0 ${(span.to - span.from) * count} 1`);
+    node.classList.toggle("pv-zoomed", span.to - span.from < 1);
+  }
+}
+
+function showTip(event) {
+  const isSliding = state.turn?.slides;
+  const line = isSliding ? lines()[0] : event.target.closest?.("svg[data-slides]");
+  tip.hidden = !line;
+  if (!line) return;
+  const box = line.getBoundingClientRect();
+  const share = along(isSliding ? state.turn.box : box, event);
+  const index = Math.min(Math.max(Math.floor(share * span.count), 0), span.count - 1);
+  const time = times[index] ?? null;
+  tip.textContent = `frame ${index + 1}` + (time === null ? "" : ` · ${time.toFixed(2)} s`);
+  const half = tip.offsetWidth / 2;
+  const left = Math.min(Math.max(event.clientX, box.left + half), box.right - half);
+  Object.assign(tip.style, { left: `${left - half}px`, top: `${box.top - tip.offsetHeight - 3}px` });
+}
+
+addEventListener("pointermove", showTip);
+addEventListener("pointerover", showTip); // of moves over the photo nobody else is told
+addEventListener("wheel", (event) => {
+  const line = event.target.closest?.("svg[data-slides]");
+  if (!line) return;
+  consume(event);
+  const [box, length] = [line.getBoundingClientRect(), span.to - span.from];
+  const unit = event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1;
+  const isPan = event.shiftKey || Math.abs(event.deltaX) > Math.abs(event.deltaY);
+  if (isPan) {
+    setSpan(length, span.from + ((event.deltaX || event.deltaY) * unit * length) / box.width);
+  } else {
+    const part = (event.clientX - box.left) / box.width;
+    setSpan(length * Math.exp(event.deltaY * unit * 0.0016), along(box, event), part);
+  }
+  showSpan();
+  showTip(event);
+}, { capture: true, passive: false });
 
 // --- life ---------------------------------------------------------------------------------------
 function watch() {
@@ -753,6 +829,7 @@ window.poseviewer = {
   },
   setHint(html) { bar.innerHTML = html; },
   setHandles(svg) { handles.innerHTML = svg; },
+  setTimes(known) { times = known; },
   setPen, forgetStrokes, setPictures, setStrip, photoFromCanvas, zoomAt, showAll,
   sent: () => state.sent,
   unsent,
@@ -761,6 +838,8 @@ document.title = "poseviewer";
 const style = document.createElement("style");
 style.textContent = CONFIG.style;
 document.head.append(style, pictures);
+tip.hidden = true;
+document.body.append(tip);
 document.querySelector("link[rel~='icon']").href = CONFIG.icon;
 sendTheme();
 if (window.name.startsWith(AGAIN)) {

@@ -8,13 +8,16 @@ random token of the run. It is in the printed address and in that of the page's 
 cookie, which browsers send to all ports of a machine. ``first.html`` puts it there, and keeps it in
 the storage of the page's origin, from which ``refused.html`` hands it to further tabs. viser shows
 its own panel until the page is built; ``first.html`` covers it and says what poseviewer is.
+viser takes fields of messages for what they are called; one of another type, such as a list as an
+id, ends in a traceback in the log. Connections that say nothing take files from the whole process.
 Written for viser 1.1.1 and websockets 16.1. viser makes its web server deep inside its constructor,
 in its own thread, by ``websockets.asyncio.server.serve``; that call is intercepted, so that the
 check stands before the first connection. Also used of viser: ``_websock_server``, the messages
-``ShareUrlRequest`` and ``ShareUrlDisconnect``, and of its page the message ``set_server`` to the
-worker that has the websocket.
+``ShareUrlRequest`` and ``ShareUrlDisconnect``, ``infra._infra._message_consumer``, and of its page
+the message ``set_server`` to the worker that has the websocket.
 """
 
+import asyncio
 import errno
 import gzip
 import hmac
@@ -28,15 +31,17 @@ import secrets
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
 
+import msgspec
 import viser
 import websockets.asyncio.server
 from viser import _messages
+from viser.infra import _infra
 from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
@@ -50,6 +55,10 @@ DEFAULT_PORT = 8080
 PORTS_TRIED = 100
 MAX_MESSAGE_BYTES = 4_000_000
 """Pages send parts of uploads of 512 KiB, and nothing larger."""
+MAX_SILENT = 32
+"""Connections that have not asked for anything yet: browsers open six at once, and macOS lets a
+process have 256 files.
+"""
 SECURITY_HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
@@ -86,7 +95,7 @@ _log.addFilter(_shorten)
 
 MAX_TARGET_LETTERS = 4000
 """Letters of a path and query: viser looks for a file of that name."""
-Answer = Callable[[ServerConnection, Request], Response | None]
+Answer = Callable[[Any, Request], Response | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,6 +198,7 @@ def serve(
     listening = _listen(host, port)
     policy = AccessPolicy(host, listening.getsockname()[1], secrets.token_urlsafe())
     wake_in_the_loop()
+    _infra._message_consumer = _hand_on_messages
     try:
         # viser prints its address, without the token, to the standard output.
         with _intercept_serve(listening, policy) as calls, redirect_stdout(io.StringIO()):
@@ -222,6 +232,7 @@ def _intercept_serve(listening: socket.socket, policy: AccessPolicy) -> Iterator
         calls.append(handler.__qualname__)
         settings["process_request"] = _check_requests(policy, settings["process_request"])
         settings |= {"logger": _log, "max_size": MAX_MESSAGE_BYTES}
+        settings |= {"create_connection": _Connection, "backlog": MAX_SILENT}
         return original(handler, sock=listening, **settings)
 
     websockets.asyncio.server.serve = serve_by_policy  # type: ignore[assignment,misc]
@@ -231,10 +242,44 @@ def _intercept_serve(listening: socket.socket, policy: AccessPolicy) -> Iterator
         websockets.asyncio.server.serve = original  # type: ignore[misc]
 
 
+class _Connection(ServerConnection):
+    """A connection that is closed if it says nothing while many others come."""
+
+    _silent: dict["_Connection", None] = {}  # noqa: RUF012 - of all servers, the oldest first
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        super().connection_made(transport)
+        self._silent[self] = None
+        if len(self._silent) > MAX_SILENT:
+            oldest = next(iter(self._silent))
+            oldest.has_asked()
+            oldest.transport.abort()
+
+    def has_asked(self) -> None:
+        """Take it out of those that say nothing."""
+        self._silent.pop(self, None)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self.has_asked()
+        super().connection_lost(exc)
+
+
+async def _hand_on_messages(
+    connection: ServerConnection, hand_on: Callable[[_messages.Message], None], kind: Any
+) -> None:
+    """Hand on messages whose fields are of their types; others end their page."""
+    while True:
+        message = kind.deserialize(await connection.recv(decode=False))
+        values = {own.name: getattr(message, own.name) for own in fields(message) if own.init}
+        msgspec.convert(values, type(message))
+        hand_on(message)
+
+
 def _check_requests(policy: AccessPolicy, answer: Answer) -> Answer:
     """Wrap an answer to HTTP and websocket requests so that the policy is asked first."""
 
-    def process_request(connection: ServerConnection, request: Request) -> Response | None:
+    def process_request(connection: _Connection, request: Request) -> Response | None:
+        connection.has_asked()
         if refusal := policy.refusal(request.path, request.headers):
             response = connection.respond(http.HTTPStatus.FORBIDDEN, f"{refusal}\n")
         elif refusal := policy.token_refusal(request.path):
@@ -243,7 +288,10 @@ def _check_requests(policy: AccessPolicy, answer: Answer) -> Answer:
             del response.headers["Content-Type"]  # else there were two
             response.headers["Content-Type"] = "text/html; charset=utf-8"
         else:
-            response = answer(connection, request)
+            try:
+                response = answer(connection, request)
+            except (OSError, ValueError):  # a name that no file can have
+                response = connection.respond(http.HTTPStatus.NOT_FOUND, "NOT FOUND\n")
             if response is not None:
                 _begin_page(response, policy.token)
             if "Upgrade" in request.headers:

@@ -5,7 +5,8 @@ Why: viser keeps all parts of an upload, whatever size was announced, until the 
 button keeps its last file. It reports the progress of an upload to all pages, which show a nameless
 notice; here only the upload's page is told. viser sets any attribute of an input that a page names,
 and sends any number on: one beyond 64 bits cuts off all pages, and an unknown choice ends in a
-traceback.
+traceback. It keeps for all later pages that a form is unsent, whether there is such a form or not;
+we have none.
 Written for viser 1.1.1: its handlers ``gui._handle_file_transfer_start``, ``_part`` and
 ``gui._handle_gui_updates`` are called by ours; ``gui._current_file_upload_states``,
 ``gui._gui_input_handle_from_uuid``, ``gui._websock_interface`` and its ``queue_message``, a
@@ -43,10 +44,13 @@ def check_incoming(server: viser.ViserServer, refuse: Refuse) -> None:
         gui._websock_interface.unregister_handler(kind, visers)
         gui._websock_interface.register_handler(kind, ours)
 
+    gui._websock_interface.unregister_handler(m.GuiFormDirtyMessage)
+
     @server.on_client_connect
     async def _(client: viser.ClientHandle) -> None:
-        # Elements of one page alone take no uploads.
+        # Elements of one page alone take no uploads, nor are they forms.
         client.gui._websock_interface.unregister_handler(m.FileTransferStartUpload)
+        client.gui._websock_interface.unregister_handler(m.GuiFormDirtyMessage)
 
 
 def take_upload(handle: viser.GuiUploadButtonHandle) -> viser.UploadedFile:

@@ -4,6 +4,7 @@ import htpy as h
 
 from poseviewer.app.page.controls import Controls, as_html, on_press, plain
 from poseviewer.app.state.document import label_of, verdict_of
+from poseviewer.app.state.edits import cancel_drag
 from poseviewer.app.state.session import Session
 from poseviewer.errors import percent
 from poseviewer.geometry.mesh import Mesh
@@ -91,6 +92,12 @@ def add_preparing(controls: Controls) -> None:
         value=lambda s: 100.0 * (share(s) or 0.0),
         visible=lambda s: share(s) is not None,
     )
+
+
+def add_working(controls: Controls) -> None:
+    """A button that stops what is being read or drawn, which a notice over the photo tells of."""
+    at_work = lambda s: s.is_at_work  # noqa: E731
+    controls.button("Stop (Esc)", cancel_drag(), icon="player-stop", visible=at_work)
 
 
 def parts_left_out(mesh: Mesh) -> str:

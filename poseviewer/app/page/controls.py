@@ -39,10 +39,16 @@ MARKUP = re.compile(r"[\\`*{}\[\]<>#|~!]|(?<![^\W_])_|_(?![^\W_])")
 """Characters that mean more in markdown; a picture there would make viser read its file."""
 
 
+LINK = re.compile(r"(?<=http)(?=s?://)|(?<=www)(?=\.)|(?<=[-.+\w])(?=@)", re.IGNORECASE)
+"""Places in addresses, of pages and e-mail, which viser's page makes links of, entities or not."""
+NOTHING = "<!-- -->"
+
+
 def plain(text: str) -> str:
     """A text from a file or a user, as markdown shows it letter for letter."""
     escaped = on_page(text).replace("&", "&amp;")
-    return MARKUP.sub(lambda match: f"&#{ord(match.group())};", escaped)
+    escaped = MARKUP.sub(lambda match: f"&#{ord(match.group())};", escaped)
+    return LINK.sub(NOTHING, escaped)
 
 
 FIELDS = {
@@ -249,9 +255,9 @@ class Controls:
             )
         self.add(handle, **options)
 
-    def download(self, label: str, what: Export, icon: Any = "download") -> None:
+    def download(self, label: str, what: Export, icon: Any = "download", **options: Any) -> None:
         """A button that sends ``what`` to the page on which it is pressed."""
-        self.button(label, lambda _, client: download(what, client), icon=icon)
+        self.button(label, lambda _, client: download(what, client), icon=icon, **options)
 
     def upload(
         self, label: str, kind: Kind | None, icon: Any, adds: bool = False, accepted: str = ""
@@ -268,9 +274,9 @@ class Controls:
         accepted = accepted or ("folder" if kind is None else ",".join(ACCEPTED[kind]))
         handle = self.gui.add_upload_button(label, mime_type=accepted, icon=icon, color="gray")
 
-        def request(_: int) -> Request:
+        def request(client: int) -> Request:
             file = take_upload(handle)
-            return upload(kind, file.name, file.content, adds, self.lens_model())
+            return upload(kind, file.name, file.content, adds, self.lens_model(), client)
 
         self._on(handle.on_upload, request)
 

@@ -9,7 +9,7 @@ import viser
 
 from poseviewer.app.below_viser.client_script import ClientScript
 from poseviewer.app.below_viser.incoming import check_incoming
-from poseviewer.app.page.above_steps import add_preparing, objects_list
+from poseviewer.app.page.above_steps import add_preparing, add_working, objects_list
 from poseviewer.app.page.controls import Controls, Post, on_page, plain
 from poseviewer.app.page.handles import handles_of
 from poseviewer.app.page.map_panel import add_maps
@@ -18,7 +18,7 @@ from poseviewer.app.page.photo_view import DEPTH, SIDE, PhotoScene
 from poseviewer.app.page.reports import Theme, meaning_of
 from poseviewer.app.page.rows import add_rows
 from poseviewer.app.page.strip import show_strip
-from poseviewer.app.page.texts import first_text, hint_of
+from poseviewer.app.page.texts import every_text, first_text, hint_of
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.document import MARKING, label_of
 from poseviewer.app.state.edits import SavePose
@@ -26,7 +26,7 @@ from poseviewer.app.state.hiding import SHAPES
 from poseviewer.app.state.keys_and_buttons import client_keys, help_table
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import OF_FRAMES
-from poseviewer.app.workers.tasks import Restore, TaskResult, download
+from poseviewer.app.workers.tasks import LongVideo, Restore, TaskResult, download
 from poseviewer.errors import PoseViewerError
 from poseviewer.files.formats.bop import likely_numbers, object_numbers
 from poseviewer.files.formats.conversion import ConvertOptions
@@ -79,6 +79,7 @@ class Page:
         self._script = ClientScript(server, PAGE_CONFIG, self._on_report)
         self._controls = controls = Controls(gui, post, session, PANELS_S)
         add_preparing(controls)
+        add_working(controls)
         if review is not None:
             add_rows(controls, review)
         else:
@@ -180,6 +181,10 @@ class Page:
 
     def working(self, what: str, note: str = "") -> None:
         """Say that something is being done that takes a moment; "" when it is over."""
+        if what and self._working:
+            for notice in self._working:
+                notice.title, notice.body = what, note
+            return
         for notice in self._working:
             notice.remove()
         self._working = [
@@ -226,6 +231,25 @@ class Page:
 
             tab.gui.add_button("Export", color="cyan").on_click(send)
             tab.gui.add_button("Close", color="gray").on_click(lambda _: close_modal(modal))
+
+    def ask_every(self, video: LongVideo, client: int) -> None:
+        """Ask on a page how many frames of a long video are taken, then open it."""
+        for tab in self._tabs(None if client < 0 else client):
+            with tab.gui.add_modal("A long video") as modal:
+                every = tab.gui.add_number("Every N-th frame", 1, min=1, max=video.frames, step=1)
+                text = tab.gui.add_markdown(every_text(video, 1))
+
+                @every.on_update
+                def _(_: viser.GuiEvent, text: Any = text, every: Any = every) -> None:
+                    text.content = every_text(video, max(int(every.value), 1))
+
+                def take(_: viser.GuiEvent, modal: Any = modal, every: Any = every) -> None:
+                    close_modal(modal)
+                    self._post(video.open(max(int(every.value), 1)))
+
+                tab.gui.add_button("Open", color="cyan").on_click(take)
+                close = tab.gui.add_button("Close", color="gray")
+                close.on_click(lambda _, modal=modal: close_modal(modal))
 
     def offer(self, offer: AutosavedSession) -> None:
         """Offer above the steps, where it interrupts nothing, what an earlier session left."""

@@ -52,7 +52,7 @@ from poseviewer.app.state.search_edits import (
 )
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import CONVERTED, OF_FRAMES, WITH_NUMBERS
-from poseviewer.app.workers.tasks import Request, download, find_wheels_in_region
+from poseviewer.app.workers.tasks import Request, download, find_wheels_in_region, paint_active
 from poseviewer.files.camera_trees import TREES
 from poseviewer.files.mesh.size import METRES
 from poseviewer.fit.progress import SearchProgress
@@ -77,6 +77,10 @@ CURVE_POINTS = 300
 """Newest improvements in the plot of the search."""
 PIXELS = {"near": "near the model", "whole": "whole photo", "clip": "inside the model"}
 IN_FRONT = {"find": "find it", "painted": "only what I painted", "nothing": "nothing"}
+PAINT_HINT = (
+    "Give the model the colours that photos show of it, at its pose; other photos are searched by "
+    "these"
+)
 PRINCIPAL_HINT = (
     "That of a cropped photo is not in its middle. By several photos, or a car's wheels."
 )
@@ -97,6 +101,17 @@ def _has_region(session: Session) -> bool:
 
 def _is_parallel(session: Session) -> bool:
     return isinstance(session.document.pose.camera, Parallel)
+
+
+def _is_painted(session: Session) -> bool:
+    return session.document.object.painting is not None
+
+
+def _paint_label(session: Session) -> str:
+    """Name of what the model is painted from."""
+    scene = session.document.scene
+    several = "Paint from the photos" if len(scene.views) > 1 else "Paint from this photo"
+    return "Paint from the keys" if scene.frames else several
 
 
 def _has_ended(session: Session) -> bool:
@@ -153,7 +168,7 @@ def add_placing(controls: Controls) -> None:
 def _add_search(controls: Controls) -> None:
     """Start and stop of the search."""
     icon = {"icon": lambda s: "player-stop" if s.is_searching else "player-play"}
-    controls.action("search", lambda s: s.is_searching, color="cyan", **icon)
+    controls.action("search", lambda s: s.is_searching or s.is_propagating, color="cyan", **icon)
 
 
 def _add_ways(controls: Controls) -> None:
@@ -412,6 +427,8 @@ def add_judging(controls: Controls) -> None:
     controls.bind(opacity, "display", "opacity", visible=lambda s: s.display.style == "solid")
     controls.bind(gui.add_checkbox(ACTIONS["blink"].label(), False), "display", "photo_alone")
     controls.action("measure", lambda s: s.tool == "measure", icon="ruler-measure")
+    controls.button(_paint_label, lambda *_: paint_active(), icon="palette", hint=PAINT_HINT)
+    controls.action("unpaint", visible=_is_painted)
 
 
 def add_saving(controls: Controls) -> None:
@@ -428,6 +445,7 @@ def add_saving(controls: Controls) -> None:
     controls.action("save", **label, color="cyan", icon="device-floppy")
     controls.download("Download pose", "pose")
     controls.download("Download overlay", "overlay", icon="photo-down")
+    controls.download("Export painted model", "painted", icon="palette", visible=_is_painted)
     kind = controls.gui.add_dropdown("Format", tuple(CONVERTED))
     of_frames = lambda s: (*(OF_FRAMES if s.document.scene.frames else ()), *CONVERTED)  # noqa: E731
     controls.add(kind, options=of_frames)

@@ -18,14 +18,15 @@ from poseviewer.app.state.edits import (
     SavePose,
     ShowHelp,
     cancel_drag,
+    drag_to,
     enlarge_map,
     release,
 )
-from poseviewer.app.state.frame_edits import edit_frames, go_to_frame, step_frame
+from poseviewer.app.state.frame_edits import edit_frames, go_to_frame, press_arrow, step_frame
 from poseviewer.app.state.hiding import Shape, Stroke, bring_back, paint
 from poseviewer.app.state.keys_and_buttons import KEYS
 from poseviewer.app.state.marking import mark_model, turn_model
-from poseviewer.app.state.pointer_edits import double_press, drag_to, press
+from poseviewer.app.state.pointer_edits import double_press, press
 from poseviewer.app.state.pose_edits import nudge, pick_in_landscape
 from poseviewer.app.state.search_edits import take_start
 from poseviewer.app.workers.tasks import Request, grow
@@ -59,13 +60,21 @@ def _object(object_id: int, what: Literal["hidden", "locked"], on: bool) -> Edit
 
 
 def _key(
-    code: str, key: str = "", shift: bool = False, ctrl: bool = False, repeat: bool = False
+    code: str,
+    key: str = "",
+    shift: bool = False,
+    ctrl: bool = False,
+    alt: bool = False,
+    repeat: bool = False,
 ) -> Request | None:
     # A sign that was typed goes first: other keyboards have it at another place, or with shift.
     action = KEYS.get(key) or (shift and KEYS.get(f"shift {code}")) or KEYS.get(code)
+    factor = FINE if shift else COARSE if ctrl else 1.0
     match action and action.request:
+        case Edit(arguments=(x, y)) as edit if edit.calls(press_arrow):
+            to_move = nudge("move", factor * x, factor * y)
+            return to_move if alt else press_arrow(x, y, factor)
         case Edit(arguments=(kind, *steps)) as edit if edit.calls(nudge):
-            factor = FINE if shift else COARSE if ctrl else 1.0
             return nudge(kind, *(factor * step for step in steps))
         case Edit() as edit if edit.calls(step_frame):
             return edit

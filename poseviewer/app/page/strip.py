@@ -10,7 +10,7 @@ from poseviewer.app.below_viser.client_script import ClientScript
 from poseviewer.app.page.above_steps import ICONS, object_colour
 from poseviewer.app.page.controls import as_html, jpeg_url, on_press
 from poseviewer.app.page.handles import path_of
-from poseviewer.app.page.time_line import time_line
+from poseviewer.app.page.time_line import frame_times, time_line
 from poseviewer.app.state.session import Session
 from poseviewer.errors import percent
 from poseviewer.geometry.arrays import FloatArray
@@ -38,6 +38,7 @@ def show_strip(script: ClientScript, session: Session) -> None:
     photos = photos if len(photos) > 1 else ()
     script.show("setPictures", _small_pictures(photos))
     cells = as_html(_cell(session, index) for index in range(len(photos)))
+    script.show("setTimes", frame_times(session.document.scene.frames))
     script.show("setStrip", cells or time_line(session))
 
 

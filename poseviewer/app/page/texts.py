@@ -11,9 +11,10 @@ from poseviewer.app.state.document import MARKING, WHEELS, label_of, verdict_of
 from poseviewer.app.state.dragging import radius_in_photo
 from poseviewer.app.state.marking import pair_errors, pose_beside_wheels
 from poseviewer.app.state.objects import symmetry_text
-from poseviewer.app.state.results import LossComparison
+from poseviewer.app.state.results import LossComparison, Pace
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.opening import has_demo_model
+from poseviewer.app.workers.tasks import LongVideo
 from poseviewer.confidence.pose_covariance import short
 from poseviewer.errors import percent
 from poseviewer.files.mesh.size import size_words
@@ -24,6 +25,8 @@ from poseviewer.starts.point_pairs import fewest_pairs
 from poseviewer.starts.wheels import LONGER_FOCALS
 from poseviewer.vehicle.wheel_pose import MIN_RIM_POINTS
 
+PROPAGATED_A_SECOND = 3.0
+"""Frames through which a pose is propagated in a second, as results.md has it."""
 PREPARING = "Preparing the first picture ..."
 FIRST = (
     "Finds where a known 3D model stands in a photo. **Open** both, **Place** the model, then "
@@ -37,7 +40,7 @@ USUAL_HINT = (
     "<span><b>space</b> search</span> <span><b>?</b> keys</span>"
 )
 """Hint where a drag moves the model; the page's style marks what a drag does with the held keys."""
-FRAMES_HINT = " <span><b>, .</b> frames</span> <span><b>[ ]</b> keys of the sequence</span>"
+FRAMES_HINT = " <span><b>← →</b> frames</span> <span><b>↑ ↓</b> keys of the sequence</span>"
 ENDS = " &nbsp;·&nbsp; Esc: done"
 DRAWING_ENDS = f" &nbsp;·&nbsp; <b>alt</b> erase{ENDS}"
 TOOL_HINTS = {
@@ -409,3 +412,36 @@ def ends_table(comparison: LossComparison | None) -> str:
             f"of the model's size in the photo), turned by {apart.rotation_deg:.2g}°."
         )
     return f"{text} Outlines of ends that are not taken are pink."
+
+
+def pace_text(pace: Pace) -> str:
+    """Say how far a work on frames is, how fast, and how long it still takes; "": not begun."""
+    total = pace.total
+    if not pace.done:
+        return ""
+    frame = f"frame {max(int(pace.done), 1):,}" + ("" if total is None else f" of {total:,}")
+    if pace.done <= pace.begun or not pace.seconds:
+        return frame
+    rate = (pace.done - pace.begun) / pace.seconds
+    left = "" if total is None else f", {duration_text((total - pace.done) / rate)} left"
+    return f"{frame}, {rate:{',.0f' if rate >= 10.0 else '.1f'}} a second{left}"
+
+
+def every_text(video: LongVideo, every: int) -> str:
+    """Say how many frames of a video every N-th is, and how long they take (markdown)."""
+    count = -(-video.frames // every)
+    one = "1 frame" if count == 1 else f"{count:,} frames"
+    reading, tracking = video.seconds, count / PROPAGATED_A_SECOND
+    return (
+        f"**{plain(video.name)}** has {video.frames:,} frames.  \n"
+        f"**{one}**: about {duration_text(reading)} to read, and {duration_text(tracking)} to "
+        f"propagate a pose through ({PROPAGATED_A_SECOND:g} a second on two cores)."
+    )
+
+
+def duration_text(seconds: float) -> str:
+    """Say a time in the unit that people would."""
+    if seconds < 60.0:
+        return f"{max(math.ceil(seconds), 1)} s"
+    minutes = round(seconds / 60.0)
+    return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"

@@ -1,6 +1,7 @@
 """The time line of a sequence below the photo: its frames, keys and buttons, and a motion graph."""
 
 import math
+from collections.abc import Mapping
 from functools import lru_cache
 
 import htpy as h
@@ -8,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseviewer.app.page.controls import as_html, memoize, on_press
+from poseviewer.app.page.texts import pace_text
+from poseviewer.app.state.document import label_of
 from poseviewer.app.state.frame_edits import FrameCommand
 from poseviewer.app.state.session import Session
 from poseviewer.confidence.pose_covariance import PoseCovariance
@@ -24,15 +27,16 @@ AXIS_COLOURS = "#ff6b6b", "#7ad151", "#5aa9ff"
 """Colours of x, y and z, by which most tools show axes."""
 AXES = [(" ", h.b(style=f"color:{c}")[n]) for n, c in zip("xyz", AXIS_COLOURS, strict=True)]
 BUTTONS: dict[FrameCommand, tuple[str, str]] = {
-    "to start": ("⇤ to start", "Propagate the pose of this frame back to the first one"),
+    "to start": ("⇤ to start", "Propagate the poses of this frame back to the first one"),
     "to next key": ("to next key", "Propagate the pose of this frame up to the next key"),
-    "to end": ("to end ⇥", "Propagate the pose of this frame to the last one"),
+    "to end": ("to end ⇥", "Propagate the poses of this frame to the last one"),
     "between keys": ("between keys", "Propagate anew between the keys before and after this frame"),
     "clear between": ("clear between", "Remove what was propagated between these keys"),
     "keep keys": ("keep keys", "Remove all propagated poses of this object"),
     "remove key": ("remove key", "Remove this object's pose in this frame"),
 }
 """Text and tooltip of each button."""
+WHOSE = "Whose poses go to start and to end: press to choose all objects, or the picked one alone"
 
 
 def time_line(session: Session) -> str:
@@ -42,23 +46,34 @@ def time_line(session: Session) -> str:
         return ""
     count, object_id = len(scene.frames), document.object.id
     shown = scene.frame_index if session.wanted_frame is None else session.wanted_frame
-    box = {"viewBox": f"0 0 {count} 1", "preserveAspectRatio": "none", "data-slides": True}
+    box = {"viewBox": f"0 0 {count} 1", "preserveAspectRatio": "none"}
+    box |= {"data-slides": str(count), "data-at": str(shown)}
     box |= on_press("frame")
     graph = _motion_graph(session, box) if session.display.motion_graph else None
     at = h.path(".pv-here", d=f"M{shown} 0h1v1h-1Z")
     line = h.svg(".pv-frames", box)[_segments(scene.frames, object_id), at]
     buttons = [_button(what, *own) for what, own in BUTTONS.items()]
+    if len(scene.objects) > 1:
+        is_alone = session.display.propagates_alone
+        whose = f"of {label_of(document.object)}" if is_alone else "of all objects"
+        buttons.insert(0, _button("alone", whose, WHOSE))
     if session.is_propagating:
         buttons = [_button("stop", "Stop (Esc)", "Keep what is propagated, and stop")]
     said = h.span[h.b[f"frame {shown + 1}"], f" of {count}{_frame_text(session, shown)}"]
     progress = h.span(".pv-end")[_progress_text(session)]
     shows_graph = _button("graph", "graph", "Show rotation and translation over the frames")
-    below = h.div[said, progress, shows_graph]
-    return as_html(h.div(".pv-time")[graph, line, below, h.div[buttons]])
+    below = h.div[said, shows_graph]
+    return as_html(h.div(".pv-time")[graph, line, below, h.div[buttons, progress]])
 
 
 def _button(what: FrameCommand, text: str, tooltip: str) -> h.Element:
     return h.button(on_press("frames", what=what), type="button", title=tooltip)[text]
+
+
+@lru_cache(maxsize=1)
+def frame_times(frames: tuple[Frame, ...]) -> list[float | None]:
+    """Time stamps of all frames, s; None: not known."""
+    return [frame.time_s for frame in frames]
 
 
 @lru_cache(maxsize=1)
@@ -104,12 +119,17 @@ def _progress_text(session: Session) -> str:
         return ""
     if session.preparation is not None:
         return "waiting to begin"
+    mends = progress.request.key is not None
     if not progress.is_over:
-        return f"propagating: frame {progress.frame_index + 1}" if progress.steps else "propagating"
-    return "; ".join((f"{progress.steps} frames propagated", *progress.notes[-2:]))
+        pace = pace_text(progress.pace)
+        return ("mending" if mends else "propagating") + f": {pace}" * bool(pace)
+    number = len(progress.frames)
+    done = "mended" if mends else "propagated"
+    count = "1 frame" if number == 1 else f"{number:,} frames"
+    return "; ".join((f"{count} {done}", *progress.notes[-2:]))
 
 
-def _motion_graph(session: Session, box: dict[str, str | bool]) -> h.Node:
+def _motion_graph(session: Session, box: Mapping[str, str]) -> h.Node:
     """Rotation and translation over the frames, with their standard deviations."""
     at = h.path(".pv-here", d=f"M{session.document.scene.frame_index + 0.5} 0v1")
     drawn = [h.div(".pv-motion")[head, h.svg(box)[curves, at]] for head, curves in _curves(session)]

@@ -109,9 +109,13 @@ class Document:
     @classmethod
     def of(cls, scene: Scene) -> Document:
         """The document of a scene. Start poses are filled in, and regions of the settings become
-        the views' own, so that each can be edited.
+        the views' own, so that each can be edited. Objects whose ids are no numbers get such.
         """
         objects, are_numbers = [], all(item.id.isdecimal() for item in scene.objects)
+        if not are_numbers:
+            numbers = {item.id: str(index) for index, item in enumerate(scene.objects, 1)}
+            frames = tuple(_renamed(frame, numbers) for frame in scene.frames)
+            scene = replace(scene, frames=frames)
         for index, item in enumerate(scene.objects):
             in_views = (scene.in_view(index, view) for view in range(len(scene.views)))
             region = item.settings.region
@@ -156,6 +160,16 @@ class Document:
     def mesh(self) -> Mesh:
         """The active object's surface."""
         return self.object.mesh
+
+    @property
+    def drawn_mesh(self) -> Mesh:
+        """The active object's surface as it is drawn: painted, if it is."""
+        return self.object.drawn_mesh
+
+    @property
+    def compared_mesh(self) -> Mesh:
+        """The active object's surface as a search compares it, as ``Scene.compared_mesh``."""
+        return self.scene.compared_mesh(self.active)
 
     @property
     def settings(self) -> FitSettings:
@@ -497,7 +511,7 @@ class Document:
         views, objects = self.scene.views, self.scene.objects
         photos = self.scene.frames or (view.photo for view in views)
         poses = () if self.scene.frames else (o.world_from_model for o in objects)
-        models = ((o.mesh, o.model.keypoints, o.in_views, o.note) for o in objects)
+        models = ((o.mesh, o.model.keypoints, o.in_views, o.texts) for o in objects)
         return *photos, *((view.camera, view.mask) for view in views), *models, *poses
 
 
@@ -515,6 +529,16 @@ def label_of(item: SceneObject) -> str:
 def is_shown(item: SceneObject) -> bool:
     """Whether an object appears in the photos: it is placed, and not hidden."""
     return item.is_placed and not item.hidden
+
+
+def _renamed(frame: Frame, new_ids: Mapping[str, str]) -> Frame:
+    """A frame of objects that have new ids."""
+    of_objects = {"poses": frame.poses, "masks": frame.masks, "occluders": frame.occluders}
+    renamed: dict[str, Any] = {
+        field: {new_ids[name]: own for name, own in known.items() if name in new_ids}
+        for field, known in of_objects.items()
+    }
+    return replace(frame, **renamed)
 
 
 def verdict_of(item: SceneObject) -> str:
@@ -560,5 +584,5 @@ def loss_inputs(scene: Scene, object_index: int) -> tuple[object, ...]:
     frame = scene.frame
     masks = () if frame is None else (frame.mask, frame.masks.get(item.id))
     found = None if frame is None else frame.occluders.get(item.id)
-    own = scene.views, item.mesh, item.world_from_model, item.in_views, item.settings
+    own = scene.views, item.compared_mesh, item.world_from_model, item.in_views, item.settings
     return *own, *masks, found, *occluders

@@ -1,5 +1,5 @@
 """Edits: functions from a session to the next one, which pages and workers request. Those of the
-whole document, of a drag's end and of what is shown; ``update`` makes any edit.
+whole document, of a drag and of what is shown; ``update`` makes any edit.
 """
 
 from collections.abc import Callable
@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import wraps
 from typing import Annotated, Any, Concatenate, Literal, ParamSpec
 
+import numpy as np
 from msgspec import Meta
 
 from poseviewer.app.state.document import MARKING, Document
@@ -167,6 +168,19 @@ def enlarge_map(session: Session, first: int, second: int) -> Session:
 def report_error(_: Session, sentence: str) -> Session:
     """Show an error's sentence; nothing changes."""
     raise SettingsError(sentence)
+
+
+@drag_edit
+def drag_to(session: Session, x: Px, y: Px) -> Session:
+    """Move what is held to the pointer, and end a search. The pose is checked on ``release``."""
+    drag = session.drag
+    if drag is None:
+        return session
+    document = drag.follow(session.document, np.array([x, y]))
+    if drag.before is None:
+        drag = replace(drag, before=session.document)
+        session = replace(session.without_search(session.compared_scene), drag=drag)
+    return replace(session, document=document)
 
 
 @drag_edit

@@ -8,29 +8,34 @@ from msgspec import Meta
 
 from poseviewer.app.state.document import UNLOCK, label_of
 from poseviewer.app.state.edits import drag_edit, edit
-from poseviewer.app.state.results import PropagationProgress, PropagationRequest
+from poseviewer.app.state.pose_edits import nudge
+from poseviewer.app.state.results import Pace, PropagationProgress, PropagationRequest
 from poseviewer.app.state.search_edits import stop_search
 from poseviewer.app.state.session import Session
 from poseviewer.errors import SettingsError
-from poseviewer.fit.propagation import FrameStep
 from poseviewer.scene.assets import PhotoFile
 from poseviewer.scene.sequence import (
+    FrameStep,
     key_indices,
+    mark_stale,
     neighbouring_keys,
     remove_key,
     remove_propagated,
     show_frame,
     store_poses,
 )
-from poseviewer.scene.types import Scene
+from poseviewer.scene.types import FramePose, Scene
 
 FrameCommand = Literal[
     "to start", "to next key", "to end", "between keys",
-    "clear between", "keep keys", "remove key", "stop", "graph",
+    "clear between", "keep keys", "remove key", "stop", "graph", "alone",
 ]  # fmt: skip
 """Command of a button of the time line."""
 Share = Annotated[float, Meta(ge=-1e6, le=1e6)]
 """Place along the time line, in shares of its width."""
+
+MANY_FRAMES = 10
+"""Frames that a key steps by together with shift."""
 
 
 @edit
@@ -49,6 +54,23 @@ def step_frame(session: Session, by: int, between_keys: bool = False) -> Session
     keys = key_indices(document.scene, document.object.id)
     ahead = [k for k in keys if k > now] if by > 0 else [k for k in reversed(keys) if k < now]
     return _go_to(session, ahead[: abs(by)][-1]) if ahead else session
+
+
+@edit
+def press_arrow(session: Session, x: float, y: float, factor: float = 1.0) -> Session:
+    """Step through a sequence, by frames left and right and by keys up and down; in a still scene,
+    move the model.
+
+    Args:
+        session: before the edit.
+        x: steps to the right.
+        y: steps down.
+        factor: of the steps; frames are stepped by ten where it is not 1.
+    """
+    if not session.document.scene.frames:
+        return nudge("move", factor * x, factor * y)(session)
+    by = round(x + y) * (1 if factor == 1.0 else MANY_FRAMES)
+    return step_frame(by, between_keys=not x)(session)
 
 
 def _go_to(session: Session, index: int) -> Session:
@@ -83,14 +105,18 @@ def frame_read(session: Session, index: int, file: PhotoFile | None) -> Session:
 
 @edit
 def edit_frames(session: Session, what: FrameCommand) -> Session:
-    """Propagate the active object's poses, clear them, or remove its key.
+    """Propagate poses, clear them, or remove the active object's key.
 
     ``to`` goes out from the frame that is shown; ``between`` is between the keys beside it.
+    ``to start`` and ``to end`` are for all objects, unless the active one is chosen ``alone``.
     """
     if what == "stop":
         return session.stop_propagating()
     if what == "graph":
         display = replace(session.display, motion_graph=not session.display.motion_graph)
+        return replace(session, display=display)
+    if what == "alone":
+        display = replace(session.display, propagates_alone=not session.display.propagates_alone)
         return replace(session, display=display)
     document, scene = session.document, session.document.scene
     if not scene.frames:
@@ -107,9 +133,9 @@ def edit_frames(session: Session, what: FrameCommand) -> Session:
             scene = remove_key(scene, document.active)
             return _with_frames(session, show_frame(scene, shown))
         case "to start":
-            return _propagate(session, 0, shown - 1)
+            return _propagate(session, 0, shown - 1, of_all=True)
         case "to end":
-            return _propagate(session, shown + 1, end)
+            return _propagate(session, shown + 1, end, of_all=True)
         case "to next key":
             return _propagate(session, shown + 1, after - 1)
     return _propagate(session, before + 1, after - 1)
@@ -120,20 +146,24 @@ def _with_frames(session: Session, scene: Scene) -> Session:
     return session.with_document(session.document.with_frames_of(scene))
 
 
-def _propagate(session: Session, first: int, last: int) -> Session:
+def _propagate(session: Session, first: int, last: int, of_all: bool = False) -> Session:
     """Begin to propagate, as one undo step."""
     session = stop_search()(session).stop_proposing()
     document, scene = session.document, session.document.scene
-    label = label_of(document.object)
+    label, chosen = label_of(document.object), (document.active,)
+    if of_all and not session.display.propagates_alone:
+        objects = enumerate(scene.objects)
+        free = (i for i, item in objects if not item.locked and key_indices(scene, item.id))
+        chosen = tuple(free) or chosen
     if session.preparation is not None and session.preparation.trouble:
         raise SettingsError(session.preparation.trouble)
-    if document.object.locked:
+    if document.object.locked and document.active in chosen:
         raise SettingsError(f"{label} is locked: {UNLOCK} to propagate its poses")
-    if not key_indices(scene, document.object.id):
+    if not any(key_indices(scene, scene.objects[index].id) for index in chosen):
         raise SettingsError(f"{label} has no key: place it in a frame first")
     if first > last:
         raise SettingsError("there is no frame between: keys stay as they are")
-    request = PropagationRequest(document, first, last)
+    request = PropagationRequest(document, chosen, first, last)
     history = session.history.with_step(document)
     session = session.without_search(scene)
     return replace(session, history=history, propagation=PropagationProgress(request))
@@ -145,29 +175,48 @@ def propagation_advanced(
     request: PropagationRequest,
     steps: Sequence[FrameStep],
     is_over: bool = False,
+    pace: Pace | None = None,
 ) -> Session:
     """Store the steps of a propagation, and show the last one's frame unless the user is elsewhere.
+    Beside a frame that is mended, poses are stale until they are mended, too.
 
     Args:
         session: before the edit.
         request: of the propagation; nothing changes if it is not the running one.
         steps: all that it has made, of which the session has the first ones.
         is_over: whether there are no more.
+        pace: how far it is; None: as it was.
     """
     progress = session.propagation
     if progress is None or progress.request is not request or progress.is_over:
         return session
-    scene, object_id = session.document.scene, request.start.object.id
-    new, notes = steps[progress.steps :], progress.notes
+    scene = session.document.scene
+    new, notes, frames = steps[progress.steps :], progress.notes, set(progress.frames)
     for step in new:
         index = step.frame_index
-        notes += (f"frame {index + 1}: {step.note}",) if step.note else ()
-        if object_id not in step.poses:
+        notes += (step.note,) if step.note else ()
+        for object_id in step.lost:
             scene = remove_propagated(scene, object_id, index, index)
+        old, changed = scene.frames[index].poses, [*step.poses]
+        if request.key is not None:
+            changed = [name for name in changed if not _is_same(old.get(name), step.poses[name])]
+            ahead = index + (1 if index > request.key else -1)
+            for object_id in changed:
+                scene = mark_stale(scene, object_id, ahead, ahead)
+        frames |= {index} if changed else set()
         scene = store_poses(scene, {index: step.poses})
-    count = progress.steps + len(new)
-    at = new[-1].frame_index if new else progress.frame_index
-    progress = replace(progress, steps=count, frame_index=at, notes=notes, is_over=is_over)
+    progress = replace(
+        progress,
+        steps=progress.steps + len(new),
+        frames=frozenset(frames),
+        notes=notes,
+        is_over=is_over,
+        pace=pace or progress.pace,
+    )
     document = session.document.with_frames_of(scene)
-    wanted = at if new and progress.follows else session.wanted_frame
+    wanted = new[-1].frame_index if new and progress.follows else session.wanted_frame
     return replace(session, document=document, propagation=progress, wanted_frame=wanted)
+
+
+def _is_same(old: FramePose | None, new: FramePose) -> bool:
+    return old is not None and old.world_from_model is new.world_from_model

@@ -64,6 +64,7 @@ def _drop_oldest(past: tuple[Document, ...]) -> tuple[Document, ...]:
         if not scene.frames:
             photos.add(tuple(id(view.photo) for view in scene.views))
         meshes |= {id(item.model.mesh.whole) for item in scene.objects}
+        meshes |= {id(item.painting) for item in scene.objects if item.painting}
         if len(photos) > MAX_OPENED or len(meshes) > max_meshes:
             return past[index + 1 :]
     return past

@@ -15,10 +15,10 @@ from poseviewer.app.state.edits import (
     toggle_model,
     undo,
 )
-from poseviewer.app.state.frame_edits import step_frame
+from poseviewer.app.state.frame_edits import MANY_FRAMES, press_arrow, step_frame
 from poseviewer.app.state.hiding import hide_found, hide_in_all_frames, toggle_hiding, unhide
 from poseviewer.app.state.marking import clear_marks, remark_wheels, remove_mark
-from poseviewer.app.state.objects import add_object
+from poseviewer.app.state.objects import add_object, unpaint
 from poseviewer.app.state.pointer_edits import set_tool, toggle_measuring
 from poseviewer.app.state.pose_edits import NudgeKind, make_start, nudge, reset_to_start
 from poseviewer.app.state.search_edits import (
@@ -37,14 +37,14 @@ from poseviewer.render.overlay import LOOKS
 STYLES = {look.key: name for name, look in LOOKS.items() if look.key}
 """Look of the model by each key."""
 NUDGES: Mapping[tuple[str, str], tuple[NudgeKind, float, float]] = {
-    ("left", "right"): ("move", 1.0, 0.0),
-    ("up", "down"): ("move", 0.0, 1.0),
     ("J", "L"): ("turn", 1.0, 0.0),
     ("I", "K"): ("turn", 0.0, 1.0),
     ("U", "O"): ("roll", 1.0, 0.0),
     ("page down", "page up"): ("scale", 1.0, 0.0),
 }
 """Small step of the pose by the keys for it, backwards and forwards."""
+ARROWS = {"left": (-1.0, 0.0), "right": (1.0, 0.0), "up": (0.0, -1.0), "down": (0.0, 1.0)}
+"""Direction of each arrow, right and down."""
 FRAME_KEYS = {",": (-1, False), ".": (1, False), "[": (-1, True), "]": (1, True)}
 """Frames, or keys of a sequence, that a key of the keyboard steps on by."""
 CODES = {
@@ -63,13 +63,14 @@ LEFT_WITH_CTRL = tuple("FRBHMAXNP123450")
 """Keys that stay the browser's while ctrl is held: find, reload, and so on."""
 BOX = "Draw a rectangle about the object; starting poses are proposed there"
 PROPOSE = "Look for starting poses, in the box, the region or the whole photo"
-SEARCH = "Start, stop the search"
+SEARCH = "Start, stop the search; in a sequence, mend what it changes"
 HIDE = "Hide what is in front: wheel brush size, alt erase"
 HIDE_FOUND = "Hide what the search took for something in front, to be corrected"
 HIDE_ALL = "What is painted in this frame hides these pixels in all of them"
 COMPARE = "Search from the start by each loss in turn, and set the ends side by side"
 MEASURE = "Measure points of models, and the distance of two"
 REGION = "Compare what lies in a rectangle alone"
+UNPAINT = "Compare and draw the model as its file has it"
 DRAWING = "Drag on the photo ..."
 REMARK = "Press the middle of the model's wheels again"
 END = "Let go, leave a tool, stop what is looked for, read or propagated"
@@ -149,6 +150,7 @@ ACTIONS: Mapping[str, Action] = {
     **{style: Action(show_style(style), "Judge", "", "", key) for key, style in STYLES.items()},
     "blink": Action(toggle_model(), "Judge", "Photo alone", "Blink: photo, model", "B"),
     "measure": Action(toggle_measuring(), "Judge", "Measure", MEASURE, "M", "Done measuring"),
+    "unpaint": Action(unpaint(), "Judge", "Unpaint", UNPAINT),
     "save": Action(SavePose(), "Save", "Save pose", "Save the pose", "S, ctrl S"),
     "end": Action(cancel_drag(), "Place", "", END, "Esc"),
     "help": Action(ShowHelp(), "Open", "Keys and mouse", "", "?"),
@@ -162,10 +164,11 @@ ACTIONS: Mapping[str, Action] = {
         for keys, (kind, x, y) in NUDGES.items()
         for key, sign in zip(keys, (-1.0, 1.0), strict=True)
     },
+    **{key: Action(press_arrow(*to), "", "", "", key) for key, to in ARROWS.items()},
     **{
         held + key: Action(step_frame(by * times, between), "", "", "", held + key)
         for key, (by, between) in FRAME_KEYS.items()
-        for held, times in (("", 1), ("shift ", 10))
+        for held, times in (("", 1), ("shift ", MANY_FRAMES))
     },
 }
 """Every button and key by its name."""
@@ -177,14 +180,14 @@ GESTURES = {
     "ctrl + drag": "Roll it, and make it larger or smaller",
     "double-click": "Pin the surface there, or take the pin away",
     "wheel, right drag, F": "Zoom at the pointer, pan, whole photo",
-    "arrows": "Move by 1 px",
+    "arrows": "Move by 1 px; in a sequence, where they step, with alt",
     "J L, I K, U O": "Turn, tilt, roll by 1 degree",
     "page up / down": "1 % larger, smaller",
     "shift / ctrl": "With one of these: a tenth, ten times as much",
     "1 2 3 4 5, 0": "Outline, solid, relit, normals, residual, nothing",
     "A, X, N, P": "In a review: accept, reject, next, previous",
-    ", .": "In a sequence: the frame before, the next one; with shift ten",
-    "[ ]": "In a sequence: the key before, the next one; with shift ten",
+    "left right, comma period": "In a sequence: the frame before, the next one; with shift ten",
+    "up down, [ ]": "In a sequence: the key before, the next one; with shift ten",
 }
 """Rows of the help dialog for gestures of the mouse, and for keys that share a row."""
 

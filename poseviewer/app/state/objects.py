@@ -9,14 +9,17 @@ from poseviewer.app.state.session import Session, is_in_sight
 from poseviewer.errors import SettingsError
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.mesh.size import METRES
+from poseviewer.geometry.painted_model import Painting
 from poseviewer.scene.assets import ModelFile
 from poseviewer.scene.types import InView, SceneObject
 from poseviewer.starts.sides import look_from
 
 MAX_OBJECTS = 30
 """Number of objects; each is kept in memory and drawn."""
-MAX_LETTERS = {"name": 60, "note": 1000}
-"""Length of an object's texts: a line of the list, and a paragraph."""
+MAX_NAME_LETTERS = 60
+"""Length of an object's name: a line of the list."""
+MAX_TEXT_LETTERS = 1000
+"""Length of its other texts: a paragraph."""
 
 
 @edit
@@ -80,12 +83,29 @@ def alter_object(session: Session, object_id: int, **changes: Any) -> Session:
     """Change ``hidden``, ``locked`` or a text of an object, by its id."""
     index = session.document.scene.index(str(object_id))
     item = session.document.scene.objects[index]
-    texts = changes.keys() & MAX_LETTERS.keys()
-    changes |= {key: changes[key][: MAX_LETTERS[key]] for key in texts}
+    texts = {key: text for key, text in changes.items() if isinstance(text, str)}
+    for key, text in texts.items():
+        changes[key] = text[: MAX_NAME_LETTERS if key == "name" else MAX_TEXT_LETTERS]
     if all(getattr(item, key) == value for key, value in changes.items()):
         return session
     key = f"{min(texts)} {object_id}" if texts else None
     return session.with_document(session.document.with_object(index, **changes), key)
+
+
+@edit
+def take_painting(session: Session, object_id: str, painting: Painting) -> Session:
+    """Paint the model of an object, by its id, and show its colours."""
+    index = session.document.scene.index(object_id)
+    session = session.with_document(session.document.with_object(index, painting=painting))
+    return replace(session, display=replace(session.display, style="solid", photo_alone=False))
+
+
+@edit
+def unpaint(session: Session) -> Session:
+    """Compare and draw the active object's model as its file has it."""
+    if session.document.object.painting is None:
+        return session
+    return session.with_document(session.document.with_object(painting=None))
 
 
 @edit

@@ -1,4 +1,4 @@
-"""Edits by the pointer, in photo px."""
+"""Edits by a press of the pointer, in photo px; its drag is in ``edits``."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -16,7 +16,7 @@ from poseviewer.app.state.dragging import (
     take_hold,
     translate,
 )
-from poseviewer.app.state.edits import Px, Zoom, drag_edit, edit
+from poseviewer.app.state.edits import Px, Zoom, edit
 from poseviewer.app.state.hiding import HIDING, leave_out
 from poseviewer.app.state.marking import (
     hold_mark,
@@ -115,19 +115,6 @@ screen px per photo px, and the motion of the model.
 def toggle_measuring(session: Session) -> Session:
     """Take the measuring tool, with no points yet, or leave it."""
     return replace(session, tool="pose" if session.tool == "measure" else "measure", measured=())
-
-
-@drag_edit
-def drag_to(session: Session, x: Px, y: Px) -> Session:
-    """Move what is held to the pointer, and end a search. The pose is checked on ``release``."""
-    drag = session.drag
-    if drag is None:
-        return session
-    document = drag.follow(session.document, np.array([x, y]))
-    if drag.before is None:
-        drag = replace(drag, before=session.document)
-        session = replace(session.without_search(session.compared_scene), drag=drag)
-    return replace(session, document=document)
 
 
 @edit

@@ -45,7 +45,11 @@ def nudge(session: Session, kind: NudgeKind, x: float = 0.0, y: float = 0.0) -> 
         kind: motion; "move" and "turn" go along ``x`` and ``y``, "roll" and "scale" by ``x``.
         x: steps to the right.
         y: steps down.
+
+    Raises:
+        SettingsError: poses are being propagated.
     """
+    _require_rest(session)
     pose, centre = session.document.pose, session.document.mesh.centre
     match kind:
         case "move":
@@ -58,6 +62,13 @@ def nudge(session: Session, kind: NudgeKind, x: float = 0.0, y: float = 0.0) -> 
         case "scale":
             pose = scale_about(pose, centre, NUDGE_SCALE**x)
     return session.with_pose(pose)
+
+
+def _require_rest(session: Session) -> None:
+    """Refuse to move the model by a key while poses are propagated, which would end that."""
+    if session.is_propagating:
+        found = "poses are being propagated, so the model was not moved"
+        raise SettingsError(f"{found}; stop that first (Esc)")
 
 
 def pose_numbers(pose: Pose) -> dict[str, float]:
@@ -158,7 +169,8 @@ def view_from(session: Session, side: str) -> Session:
 
 @edit
 def reset_to_start(session: Session) -> Session:
-    """Go back to the start pose."""
+    """Go back to the start pose; fails like ``nudge``."""
+    _require_rest(session)
     return session.with_document(session.document.at_start)
 
 

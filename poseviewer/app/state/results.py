@@ -61,14 +61,33 @@ class ProposedStarts:
     """Whether the search for starts, and for a pose from them, has ended."""
 
 
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """Progress of a work on frames."""
+
+    done: float = 0.0
+    """Number of frames that are done."""
+    total: int | None = None
+    """Number of frames; None: not known."""
+    seconds: float = 0.0
+    """Seconds since its begin."""
+    begun: float = 0.0
+    """Number of frames that were done at its begin."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PropagationRequest:
-    """Request to propagate the active object's poses."""
+    """Request to propagate poses of objects to frames, or to mend them from a key outwards."""
 
     start: Document
-    first: int
+    object_indices: tuple[int, ...]
+    first: int = 0
     """Index of the first frame that gets a pose, unless it has a key."""
-    last: int
+    last: int = 0
+    key: int | None = None
+    """Index of the frame from which poses are mended, instead of ``first`` and ``last``; None:
+    they are propagated.
+    """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,8 +97,9 @@ class PropagationProgress:
     request: PropagationRequest
     steps: int = 0
     """Number of its steps that the scene has."""
-    frame_index: int = 0
-    """Index of the last step's frame."""
+    frames: frozenset[int] = frozenset()
+    """Frames that got poses."""
+    pace: Pace = Pace()
     notes: tuple[str, ...] = ()
     """Sentences on its end."""
     follows: bool = True

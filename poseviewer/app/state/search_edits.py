@@ -15,7 +15,14 @@ from poseviewer.app.state.document import (
 from poseviewer.app.state.dragging import move_to
 from poseviewer.app.state.edits import drag_edit, edit, undo
 from poseviewer.app.state.history import store_changed_poses
-from poseviewer.app.state.results import LossComparison, Preparation, ProposedStarts, SearchRequest
+from poseviewer.app.state.results import (
+    LossComparison,
+    Preparation,
+    PropagationProgress,
+    PropagationRequest,
+    ProposedStarts,
+    SearchRequest,
+)
 from poseviewer.app.state.session import Session, is_in_sight
 from poseviewer.errors import SettingsError
 from poseviewer.fit.progress import SearchProgress
@@ -139,7 +146,9 @@ def stop_search(session: Session) -> Session:
 
 @edit
 def toggle_search(session: Session) -> Session:
-    """Start a search, or stop the running one."""
+    """Start a search, or stop the running one, or the propagation that runs."""
+    if session.is_propagating:
+        return session.stop_propagating()
     return (stop_search() if session.is_searching else start_search())(session)
 
 
@@ -176,7 +185,29 @@ def search_advanced(
     document = store_changed_poses(request.start, document) if progress.is_over else document
     comparison = comparison or session.comparison
     session = replace(session, document=document, search_progress=progress, comparison=comparison)
-    return _with_others_searched(session) if progress.is_over else session
+    if not progress.is_over:
+        return session
+    session = _with_others_searched(session)
+    return session if session.is_searching else _with_mending(session, request)
+
+
+def _with_mending(session: Session, request: SearchRequest) -> Session:
+    """Begin to mend the frames beside the one that was searched, by the objects that were found
+    there and have propagated poses beside it. It belongs to the search's undo step.
+    """
+    scene, before = session.document.scene, request.start.scene
+    at, has_new_camera = scene.frame_index, scene.views[0].camera != before.views[0].camera
+    beside = [frame.poses for frame in scene.frames[max(at - 1, 0) : at + 2]]
+    found = tuple(
+        index
+        for index in request.object_indices
+        if verdict_of(item := scene.objects[index]) != "lost"
+        and any(item.id in poses and poses[item.id].source == "propagated" for poses in beside)
+    )
+    if not found or has_new_camera or len(request.methods) > 1:
+        return session
+    mending = PropagationRequest(session.document, found, key=at)
+    return replace(session, propagation=PropagationProgress(mending, follows=False))
 
 
 def _with_others_searched(session: Session) -> Session:

@@ -69,6 +69,8 @@ class Display:
     """Label of the object in whose frame the active one's pose is also shown; "": none."""
     motion_graph: bool = False
     """Whether the motion over the frames is drawn above the time line."""
+    propagates_alone: bool = False
+    """Whether the active object alone is propagated to start and end, instead of all."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,6 +99,8 @@ class Session:
     """Proposed starts by the objects' ids."""
     wanted_frame: int | None = None
     """Index of the frame that is shown once its photo is read; None: the one that is shown."""
+    is_at_work: bool = False
+    """Whether a task is done that takes a moment, such as to read a video."""
     propagation: PropagationProgress | None = None
     """Propagation that runs, or has ended just now."""
     anchor: Scene | None = None

@@ -1,8 +1,9 @@
 """Downloads of the app: pose files, pictures, maps."""
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from io import BytesIO
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal
@@ -18,6 +19,7 @@ from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.app.workers.maps import is_fine, maps_about
 from poseviewer.errors import SettingsError
 from poseviewer.files.formats.conversion import ConvertOptions
+from poseviewer.files.formats.gltf_export import painting_contents
 from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.formats.sequence_export import (
     SEQUENCE_FORMATS,
@@ -27,14 +29,16 @@ from poseviewer.files.formats.sequence_export import (
 from poseviewer.files.masks import pose_contents
 from poseviewer.files.scene_json import as_saved, pose_json
 from poseviewer.files.writing import json_bytes, safe_path
+from poseviewer.geometry.mesh import Mesh
 from poseviewer.losses.default_loss import DEFAULT
+from poseviewer.render.attributes import Renderer
 from poseviewer.render.overlay.styles import SOLID_OPACITY, Picture
 from poseviewer.scene.measuring import measure_relative
-from poseviewer.scene.sequence import as_still
+from poseviewer.scene.sequence import as_still, stale_notes
 from poseviewer.scene.settings import settings_as_json
-from poseviewer.scene.types import ChartParameters, Scene, SearchResult
+from poseviewer.scene.types import ChartParameters, Scene, SceneObject, SearchResult
 
-Export = Literal["pose", "overlay", "sheet", "maps-npz"] | str
+Export = Literal["pose", "overlay", "painted", "sheet", "maps-npz"] | str
 """Name of a download, or a key of ``CONVERTED``."""
 RELATIVE = "relative poses"
 """Name of the active object's poses in the frames of the others."""
@@ -104,6 +108,7 @@ def export(
     session: Session,
     notes: list[str] | None = None,
     numbers: ConvertOptions | None = None,
+    tell: Callable[[float, int], object] = lambda *_: None,
 ) -> dict[str, bytes]:
     """Contents of a download's files by their names.
 
@@ -112,16 +117,19 @@ def export(
         session: to take it from.
         notes: sentences on a conversion are added to it.
         numbers: of the image and the objects in BOP.
+        tell: is given the number of frames that are drawn, and that of all.
 
     Raises:
         PoseViewerError: there is nothing of that kind yet, or a format needs the unit or numbers.
     """
-    document = session.document
+    document, notes = session.document, [] if notes is None else notes
+    if document.scene.frames and what not in OF_FRAMES:
+        notes += stale_notes(document.scene, [document.scene.frame_index])
     if what == RELATIVE:
         return _relative_poses(document)
     if what in {**CONVERTED, **OF_FRAMES}:
-        notes = [] if notes is None else notes
-        return _convert(what, session, replace(numbers or ConvertOptions(), overwrite=True), notes)
+        options = replace(numbers or ConvertOptions(), overwrite=True)
+        return _convert(what, session, options, notes, tell)
     view = pose_file_view(document) if what == "pose" else document.view_index
     photo = document.scene.views[view].photo
     stem = _export_stem(document, view)
@@ -130,6 +138,11 @@ def export(
         masks = scene.mask(*at), scene.occluders(*at)
         files = pose_contents(Path(f"{stem}.pose.json"), pose_json(scene, *at), *masks)
         return {path.name: files[path] for path in reversed(files)}
+    if what == "painted":
+        painting = document.object.painting
+        if painting is None:
+            raise SettingsError("the model is not painted; paint it in the step Judge")
+        return {f"{stem}.painted.glb": painting_contents(painting)}
     stem += ".undistorted" * (photo.undistortion is not None)
     if what == "overlay":
         picture = picture_of(document, session.display.style, session.display.opacity)
@@ -150,7 +163,11 @@ def export(
 
 
 def _convert(
-    what: str, session: Session, options: ConvertOptions, notes: list[str]
+    what: str,
+    session: Session,
+    options: ConvertOptions,
+    notes: list[str],
+    tell: Callable[[float, int], object],
 ) -> dict[str, bytes]:
     """Convert to one file, or a zip of several; for all objects if the format holds several."""
     document, scene = session.document, as_saved(scene_to_save(session))
@@ -166,11 +183,18 @@ def _convert(
     with TemporaryDirectory() as folder:
         out = Path(folder, f"{stem}{CONVERTED[what] if kind is None else SEQUENCE_FORMATS[kind]}")
         if kind is not None:
-            renderers = {item.mesh: renderer_of(item.mesh).clone() for item in scene.objects}
-            pictures = SequencePictures(
-                lambda shown: api.Registration(shown, renderers).whole.picture("outline"),
-                partial(pictures_of_objects, masks_alone=True),
-            )
+            renderers = _renderers_of(scene.objects)
+            done = count(1)
+
+            def draw(shown: Scene) -> Picture:
+                tell(next(done), len(scene.frames))
+                return api.Registration(shown, renderers).whole.picture("outline")
+
+            def masks(shown: Scene, number: int) -> Mapping[str, bytes]:
+                tell(next(done), len(scene.frames))
+                return pictures_of_objects(shown, number, masks_alone=True)
+
+            pictures = SequencePictures(draw, masks)
             notes += export_sequence(kind, scene, out, options, pictures)[1]
         elif what in FORMATS:
             scene = as_still(scene)
@@ -191,6 +215,12 @@ def _convert(
             for path in files:
                 archive.write(path, path.relative_to(folder))
         return {f"{stem}.{kind or what.partition(',')[0]}.zip": memory.getvalue()}
+
+
+def _renderers_of(objects: Sequence[SceneObject]) -> dict[Mesh, Renderer]:
+    """Renderers of all surfaces of objects, as they are drawn and compared."""
+    meshes = {mesh for item in objects for mesh in (item.drawn_mesh, item.compared_mesh)}
+    return {mesh: renderer_of(mesh).clone() for mesh in meshes}
 
 
 def _relative_poses(document: Document) -> dict[str, bytes]:
@@ -215,8 +245,7 @@ def picture_of(
         replace(item, hidden=index != document.active and not is_shown(item))
         for index, item in enumerate(document.scene.objects)
     )
-    meshes = {item.mesh for item in objects if not item.hidden}
-    renderers = {mesh: renderer_of(mesh).clone() for mesh in meshes}
+    renderers = _renderers_of([item for item in objects if not item.hidden])
     index = 0 if len(objects) == 1 else None
     scene = replace(document.scene, objects=objects)
     shown = api.Registration(scene, renderers, index, document.view_index)

@@ -227,8 +227,9 @@ def run_search(
     start, indices = request.start, request.object_indices
     settings = settings or request.methods[0]
     scene = start.scene.with_object(start.active, settings=settings)
-    view, objects = reference_view(scene, start.active, start.view_index), scene.objects
-    renderers = {i: renderer_of(objects[i].mesh, settings.renderer).clone() for i in indices}
+    view = reference_view(scene, start.active, start.view_index)
+    meshes = {i: scene.compared_mesh(i) for i in indices}
+    renderers = {i: renderer_of(mesh, settings.renderer).clone() for i, mesh in meshes.items()}
     progress: SearchProgress | None = None
     for progress in Search(
         scene, renderers, indices, processors(), view, propose=propose_about

@@ -60,7 +60,9 @@ def mapping() -> Worker[Session, Edit]:
     def make(request: Session) -> Iterator[Edit]:
         document = request.document
         try:
-            for landscapes in maker(document.mesh, document.settings.renderer).run(request):
+            for landscapes in maker(document.compared_mesh, document.settings.renderer).run(
+                request
+            ):
                 yield show_results(document, landscapes=landscapes, maps_note="")
         except PoseViewerError as error:
             yield show_results(document, maps_note=str(error))

@@ -212,7 +212,8 @@ def open_pose(now: Document, path: Path) -> Document:
     document = document if without == now.object.without else document.without_parts(without)
     document = document.with_view(names.index(opened.views[0].name))
     document = document.at_pose(opened.pose(0), scale=scale).with_start_here
-    document = document.with_object(note=opened.objects[0].note or now.object.note)
+    new_texts = {name: text for name, text in opened.objects[0].texts.items() if text}
+    document = document.with_object(**now.object.texts | new_texts)
     files = (*(view.photo for view in opened.views), now.model)
     old_notes = {note for file in files for note in notes_of(file)}
     return with_notes(document, [note for note in opened.notes if note not in old_notes])
@@ -223,12 +224,12 @@ def _corner_view(model: ModelFile, camera: Camera) -> Pose:
 
 
 def open_autosaved(autosave: AutosavedSession) -> Document:
-    """Open the session of an earlier run, with notes on objects whose models are gone.
+    """Open the session of an earlier run, with its notes and those on models that are gone.
 
     Raises:
         PoseViewerError: a photo or the active object's model is gone, or cannot be used.
     """
-    scene, notes = autosave.scene, list[str]()
+    scene, notes = autosave.scene, list(autosave.notes)
     names = autosave.photo_names or tuple(view.name for view in scene.views)
     for view, name in zip(scene.views, names, strict=True):
         _require_there(view.file.location, name)

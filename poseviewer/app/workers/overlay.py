@@ -127,7 +127,9 @@ class OverlayDrawer:
         """Draw the quick outline, or a picture."""
         document, style = request.document, request.display.style
         if style == "outline":
-            return _overlay(request, quick_silhouette(document.mesh, self._quick, document.pose))
+            return _overlay(
+                request, quick_silhouette(document.drawn_mesh, self._quick, document.pose)
+            )
         return _overlay(request) if style == "none" else self._picture(request)
 
     def _picture(self, request: Session) -> Overlay:
@@ -144,7 +146,7 @@ class OverlayDrawer:
             if compared is None:
                 return _overlay(request)
             relight = partial(render_relit, compared, self._reader.renderer, document.pose)
-        view = ModelInPhoto(pixels, document.mesh, self._fine, pose, relight, display.opacity)
+        view = ModelInPhoto(pixels, document.drawn_mesh, self._fine, pose, relight, display.opacity)
         picture = draw_style(display.style, view)
         others = tuple((scene.objects[i].mesh, scene.pose(i, view_index)) for i in document.others)
         if others:
@@ -162,7 +164,7 @@ def _depth_of(others: tuple[tuple[Mesh, Pose], ...], factor: float) -> DepthImag
 
 def draw_fine_lines(request: Session, renderer: SoftwareRenderer) -> Overlay:
     """Draw the outline and the edges inside it at full resolution."""
-    mesh, pose = request.document.mesh, request.document.pose
+    mesh, pose = request.document.drawn_mesh, request.document.pose
     scale = line_scale(pose.camera.width, pose.camera.height)
     lines = find_lines(mesh, renderer, pose, scale)
     if lines is None:
@@ -175,7 +177,7 @@ def drawing() -> Worker[Session, Edit]:
     drawer = for_one_thread(OverlayDrawer)
 
     def make(request: Session) -> Iterator[Edit]:
-        mesh, pose = request.document.mesh, request.document.pose
+        mesh, pose = request.document.drawn_mesh, request.document.pose
         if request.preparation is not None:
             overlay = _overlay(request, quick_silhouette(mesh, _cached_sketch(mesh), pose))
         else:
@@ -204,7 +206,7 @@ def refining() -> Worker[Session, Edit]:
 
     def make(request: Session) -> Iterator[Edit]:
         job.require_current(request, SETTLED_S)
-        overlay = draw_fine_lines(request, renderer(request.document.mesh))
+        overlay = draw_fine_lines(request, renderer(request.document.drawn_mesh))
         yield show_results(request.document, overlay=overlay)
 
     job = Worker(
@@ -228,7 +230,7 @@ def picturing() -> Worker[ModelPicture, Edit]:
 
     def make(request: ModelPicture) -> Iterator[Edit]:
         document, turn, is_for_wheels = request
-        photo, mesh = document.photo, document.mesh
+        photo, mesh = document.photo, document.drawn_mesh
         whole = Rectangle(0.0, 0.0, photo.width, photo.height)
         factor = min(1.0, ALONE_PX / max(photo.width, photo.height))
         beside = pose_beside_wheels(mesh, document.pose.camera) if is_for_wheels else None
@@ -251,7 +253,7 @@ def reading() -> Worker[Session, Edit]:
     reader = for_one_thread(LossReader)
 
     def make(request: Session) -> Iterator[Edit]:
-        losses = reader(request.document.mesh).read(request)
+        losses = reader(request.document.compared_mesh).read(request)
         yield show_results(request.document, losses=losses)
 
     return Worker(

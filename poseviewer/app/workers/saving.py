@@ -144,17 +144,20 @@ class Autosaver:
         return self._chosen.get(usual, usual)
 
     def _usual_path(self, document: Document) -> Path:
-        """Path beside the photo, or beside the folder of a sequence; for uploads and the demo in
-        the working directory.
+        """Path beside the photo, or beside the folder of a sequence; in the working directory for
+        uploads and the demo, and where nothing can be written there.
         """
         view, is_sequence = pose_file_view(document), bool(document.scene.frames)
-        ending = "pose.json" if is_alone(document) else "scene.json"
-        path = document.scene.views[view].path
-        folder = Path.cwd() if path is None else path.resolve().parents[is_sequence]
-        is_ours = folder.name in ("demo_files", "assets") or self._state in folder.parents
-        if is_ours or not os.access(folder, os.W_OK):
-            folder = Path.cwd()
-        return folder / f"{stem_of(document, view, is_sequence)}.{ending}"
+        kind = "pose" if is_alone(document) else "scene"
+        name = f"{stem_of(document, view, is_sequence)}.{kind}.json"
+        photo = document.scene.views[view].path
+        if photo is None:
+            return Path.cwd() / name
+        folder = photo.resolve().parent
+        beside = folder.parent if is_sequence else folder
+        is_ours = beside.name in ("demo_files", "assets") or self._state in beside.parents
+        is_usable = not is_ours and os.access(beside, os.W_OK)
+        return (beside if is_usable else Path.cwd()) / name
 
     def _to_keep(self, session: Session) -> Kept:
         self._is_adopted |= session.saved is None

@@ -1,7 +1,11 @@
 """Queue of tasks that are all done, in order: opening files, drawing downloads."""
 
+from __future__ import annotations
+
+import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -18,16 +22,21 @@ from poseviewer.app.state.edits import (
 )
 from poseviewer.app.state.hiding import Stroke, mask_pixels
 from poseviewer.app.state.marking import lay_wheels
-from poseviewer.app.state.objects import add_object
+from poseviewer.app.state.objects import add_object, take_painting
 from poseviewer.app.state.pointer_edits import set_tool
+from poseviewer.app.state.results import Pace
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import OF_FRAMES, Export, export
+from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.app.workers.opening import has_demo_model, open_autosaved, open_file_set
 from poseviewer.app.workers.worker import Worker
-from poseviewer.errors import FileSetError, QuickStartError
+from poseviewer.errors import FileSetError, QuickStartError, SettingsError
 from poseviewer.files.formats.conversion import ConvertOptions
+from poseviewer.files.image_sequence import ImageSequence, load_sequence
 from poseviewer.files.scene_assets import load_model
 from poseviewer.files.state.session_file import AutosavedSession
+from poseviewer.files.video import survey_video
+from poseviewer.fit.painting import paint_object
 from poseviewer.geometry.camera import size_at_scale
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import LensModel
@@ -36,6 +45,11 @@ from poseviewer.opening.sources import Kind, files_below, sort_set
 from poseviewer.opening.uploads import MAX_UPLOAD_BYTES, display_name, gather, keep_set
 from poseviewer.starts.start import StartInputs
 from poseviewer.starts.wheels import likely_wheels
+
+LONG_VIDEO = 300
+"""Frames of a video above which it is asked how many are taken: ten seconds of a phone's film."""
+TELL_S = 0.2
+"""Least time between two reports of a task's progress, s: people read no faster."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,13 +63,42 @@ class TaskResult:
     """Contents by names, for one page."""
     client: int = -1
     """Id of that page's client."""
+    question: LongVideo | None = None
+    """Question to that page, whose answer goes on."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LongVideo:
+    """Question how many frames of a long video are taken."""
+
+    name: str
+    frames: int
+    """Number of its frames."""
+    seconds: float
+    """About how long it takes to read them, s."""
+    open: Callable[[int], QueuedTask]
+    """Makes the task that opens every N-th frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class TaskProgress:
+    """Progress of a task."""
+
+    working: str
+    """Sentence on the page meanwhile."""
+    pace: Pace
+
+
+Tell = Callable[[float, int], object]
+"""Is given the number of frames that are done, and that of all; raises where the task is dropped.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class QueuedTask:
     """Work that takes a moment."""
 
-    run: Callable[[Session, Path], TaskResult]
+    run: Callable[[Session, Path, Tell], TaskResult]
     """Does the work on the session of that moment; the path is the folder of the app's state."""
     working: str = ""
     """Sentence on the page meanwhile."""
@@ -82,7 +125,19 @@ class TaskQueue(Worker[tuple[QueuedTask, Session], TaskResult]):
     def __init__(self, state: Path) -> None:
         def do(request: tuple[QueuedTask, Session]) -> Iterator[TaskResult]:
             task, session = request
-            yield task.run(session, state)
+            began, told = time.monotonic(), 0.0
+
+            def tell(done: float, total: int) -> None:
+                nonlocal told
+                self.require_current(request)
+                now = time.monotonic()
+                if now > told + TELL_S:
+                    told = now
+                    pace = Pace(done, total, now - began)
+                    self.mailbox.publish(task, TaskProgress(task.working, pace))
+                    self.mailbox.notify()
+
+            yield task.run(session, state, tell)
 
         super().__init__("tasks", lambda _: None, do, failed=lambda *_: TaskResult())
         self._waiting: list[QueuedTask] = []
@@ -123,8 +178,10 @@ def upload(
     data: bytes,
     adds: bool = False,
     lens_model: LensModel | None = None,
+    client: int = -1,
 ) -> QueuedTask:
-    """Store files that a page sent together, and open them.
+    """Store files that a page sent together, and open them; of a long video, ask first how many
+    frames are taken.
 
     Args:
         kind: what the user chose them as; None: any.
@@ -132,14 +189,24 @@ def upload(
         data: a file, or a zip of several.
         adds: whether models become further objects.
         lens_model: OpenCV's lens model, if the file of cameras does not name one.
+        client: id of the page's client.
     """
+    working = f"Reading {name[:60]} ..."
 
-    def run(now: Session, state: Path) -> TaskResult:
+    def open_kept(
+        root: Path, every: int | None, now: Session, state: Path, tell: Tell
+    ) -> TaskResult:
         uploads = state / "uploads"
-        root = keep_set(uploads, data)
         files = sort_set(files_below(root), kind, None if adds else now.document.model.path)
         models = [gather(uploads, model) for model in files.models]
         if not adds:
+            if isinstance(files.frames, tuple) and len(files.frames) == 1:
+                (video,) = files.frames
+                count, seconds = survey_video(video)
+                if count > LONG_VIDEO and every is None:
+                    question = LongVideo(video.name, count, count * seconds, ask_again(root))
+                    return TaskResult(client=client, question=question)
+                files = replace(files, frames=read_video(video, count, every or 1, tell))
             document = open_file_set(now.document, files, models, root, lens_model)
             looks = not has_demo_model(document)
             return TaskResult((open_document(document, looks=looks),), document.scene.notes)
@@ -149,7 +216,23 @@ def upload(
         notes = (note for model in loaded for note in notes_of(model))
         return TaskResult(tuple(map(add_object, loaded)), (*notes, *files.notes))
 
-    return QueuedTask(run, f"Reading {name[:60]} ...", size=len(data))
+    def ask_again(root: Path) -> Callable[[int], QueuedTask]:
+        return lambda every: QueuedTask(partial(open_kept, root, every), working)
+
+    def run(now: Session, state: Path, tell: Tell) -> TaskResult:
+        return open_kept(keep_set(state / "uploads", data), None, now, state, tell)
+
+    return QueuedTask(run, working, size=len(data))
+
+
+def read_video(video: Path, count: int, every: int, tell: Tell) -> ImageSequence:
+    """Read every N-th frame of a video of ``count`` frames, and tell of each."""
+    taken = max(-(-count // every), 1)
+
+    def show(share: float) -> None:
+        tell(min(int(taken * share) + 1, taken), taken)
+
+    return load_sequence((video,), every, progress=show)
 
 
 def restore(autosave: AutosavedSession) -> QueuedTask:
@@ -166,18 +249,35 @@ def download(what: Export, client: int, numbers: ConvertOptions | None = None) -
     """Make files of the session for a page, in BOP with numbers."""
     working = "Drawing ..." if what in ("overlay", "sheet", *OF_FRAMES) else ""
 
-    def run(now: Session, _: Path) -> TaskResult:
+    def run(now: Session, _: Path, tell: Tell) -> TaskResult:
         notes: list[str] = []
-        files = export(what, now, notes, numbers)
+        files = export(what, now, notes, numbers, tell)
         return TaskResult(notes=tuple(notes), files=files, client=client)
 
     return QueuedTask(run, working, draws=what == "overlay")
 
 
+def paint_active() -> QueuedTask:
+    """Paint the active object's model from the photos that show it, or from the keys."""
+
+    def run(session: Session, *_: object) -> TaskResult:
+        document, item = session.document, session.document.object
+        if not item.is_placed:
+            raise SettingsError("Place the model first; it is painted from where it is.")
+        painting = paint_object(document.scene, document.active)
+        for mesh in (painting.mesh, painting.contrast):
+            renderer_of(mesh)
+        count, share = len(painting.photos), f"{painting.share:.0%} of the surface is painted"
+        note = f"{share}, from {count} photo{'s' * (count > 1)}."
+        return TaskResult((take_painting(item.id, painting),), (note,))
+
+    return QueuedTask(run, "Painting ...", draws=True)
+
+
 def find_wheels_in_region() -> QueuedTask:
     """Find wheels in the region by the current camera."""
 
-    def run(session: Session, _: Path) -> TaskResult:
+    def run(session: Session, *_: object) -> TaskResult:
         document, region = session.document, session.document.in_view.region
         if region is None:
             raise QuickStartError("Draw a region about the car first; wheels are sought in it.")
@@ -203,7 +303,7 @@ ROUNDS = 5
 def grow(stroke: Stroke) -> QueuedTask:
     """Mask or unmask the thing under a scribble."""
 
-    def run(session: Session, _: Path) -> TaskResult:
+    def run(session: Session, *_: object) -> TaskResult:
         photo = session.document.photo
         return TaskResult((mask_pixels(photo, segment(photo, stroke), stroke.erase),))
 

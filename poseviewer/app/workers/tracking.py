@@ -1,18 +1,21 @@
 """Workers for a sequence: they read the photo of the wanted frame, and propagate poses."""
 
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import lru_cache
 
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.frame_edits import frame_read, propagation_advanced
-from poseviewer.app.state.results import PropagationRequest
+from poseviewer.app.state.results import Pace, PropagationRequest
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.app.workers.worker import Worker
-from poseviewer.fit.propagation import FrameStep, propagate
+from poseviewer.fit.propagation import chain_steps, find_chains, mend, propagate
+from poseviewer.render.attributes import Renderer
 from poseviewer.render.pool import processors
 from poseviewer.scene.assets import PhotoFile
+from poseviewer.scene.sequence import FrameStep, store_poses
 
 MAX_PHOTOS = 8
 """Photos of frames that are kept in memory: one steps to and fro."""
@@ -61,11 +64,44 @@ def tracking() -> Worker[PropagationRequest, Edit]:
 
 
 def track_edits(request: PropagationRequest) -> Iterator[Edit]:
-    """Propagate the active object's poses."""
+    """Propagate poses of objects, or mend them; each edit has all steps so far."""
     start, steps = request.start, list[FrameStep]()
-    renderers = {start.active: renderer_of(start.mesh, start.settings.renderer).clone()}
-    ends = request.first, request.last, [start.active], processors()
-    for step in propagate(start.scene, renderers, *ends):
+    chosen = request.object_indices
+    objects = [start.scene.objects[index] for index in chosen]
+    models = [renderer_of(item.compared_mesh, start.settings.renderer) for item in objects]
+    renderers = {index: model.clone() for index, model in zip(chosen, models, strict=True)}
+    frames, total = count_frames(request)
+    for step in _steps_of(request, renderers):
         steps.append(step)
-        yield propagation_advanced(request, steps)
+        done, of = (len(steps), None) if total is None else (frames * len(steps) / total, frames)
+        if len(steps) == 1:  # it is searched for more widely, and says nothing of the others
+            began, begun = time.monotonic(), done
+        pace = Pace(done, of, time.monotonic() - began, begun)
+        yield propagation_advanced(request, steps, pace=pace)
     yield propagation_advanced(request, steps, is_over=True)
+
+
+def _steps_of(
+    request: PropagationRequest, renderers: Mapping[int, Renderer]
+) -> Iterator[FrameStep]:
+    scene, chosen = request.start.scene, request.object_indices
+    if request.key is None:
+        how = {"object_indices": chosen, "threads": processors()}
+        yield from propagate(scene, renderers, request.first, request.last, **how)
+        return
+    for index in chosen:
+        for step in mend(scene, renderers, request.key, index, processors()):
+            scene = store_poses(scene, {step.frame_index: step.poses})  # it hides the next object
+            yield step
+
+
+def count_frames(request: PropagationRequest) -> tuple[int, int | None]:
+    """Count the frames that a propagation searches, and its steps, which go through frames between
+    keys twice; None: not known, as of mending.
+    """
+    if request.key is not None:
+        return 0, None
+    scene, chosen = request.start.scene, request.object_indices
+    chains = find_chains(scene, request.first, request.last, chosen)
+    steps = [index for ends in chains for index in chain_steps(scene, ends, chosen)]
+    return len(set(steps)), len(steps)

@@ -6,17 +6,20 @@ import socket
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from urllib.request import Request, urlopen
 
+import msgspec.msgpack
 import pytest
 from websockets.exceptions import ConnectionClosedError
 from websockets.sync.client import connect
+from websockets.sync.connection import Connection
 
 from poseviewer.app.below_viser import guard
 from poseviewer.app.below_viser.guard import (
     FOREIGN_SOURCES,
     MAX_MESSAGE_BYTES,
+    MAX_SILENT,
     GuardedServer,
     serve,
 )
@@ -278,6 +281,27 @@ def test_nothing_is_printed_and_the_port_is_given_back(capfd: pytest.CaptureFixt
             pass
 
 
+@pytest.mark.parametrize("path", ["/" + "a" * 300, "/a%00b", "/no/such"])
+def test_a_path_that_is_no_file_is_not_found(local, path):
+    assert get(local, f"{path}?token={local.policy.token}")[0] == 404
+
+
+def test_of_connections_that_say_nothing_the_oldest_are_closed(local):
+    with ExitStack() as stack:
+        address = ("127.0.0.1", local.policy.port)
+        opened = [
+            stack.enter_context(socket.create_connection(address, 5)) for _ in range(MAX_SILENT + 3)
+        ]
+        for oldest in opened[:3]:
+            with suppress(ConnectionResetError):
+                assert oldest.recv(1) == b""
+        assert get(local)[0] == 200
+        for newest in opened[-2:]:
+            newest.settimeout(0.0)
+            with pytest.raises(BlockingIOError):
+                newest.recv(1)
+
+
 def test_messages_are_sent_at_once() -> None:
     # With Nagle's algorithm the second half of a message waits for the page's next one.
     with (
@@ -288,10 +312,19 @@ def test_messages_are_sent_at_once() -> None:
         assert accepted.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
 
 
+def read_all(page: Connection) -> None:
+    """Read what the server still sends, until it ends."""
+    while True:
+        page.recv(20.0)
+
+
+ODD_ID = msgspec.msgpack.encode({"type": "GuiUpdateMessage", "uuid": ["a"], "updates": {}})
+
+
 @pytest.mark.parametrize(
     "garbage",
-    [b"", b"\x91" * 5000, b"\x81\xa4type\xa4Nope", "a text", bytes(MAX_MESSAGE_BYTES + 1)],
-    ids=["empty", "deep", "unknown", "text", "large"],
+    [b"", b"\x91" * 5000, b"\x81\xa4type\xa4Nope", "a text", ODD_ID, bytes(MAX_MESSAGE_BYTES + 1)],
+    ids=["empty", "deep", "unknown", "text", "list as id", "large"],
 )
 def test_what_is_no_message_ends_its_page_alone_with_a_line_in_the_log(local, garbage, caplog):
     is_large, url = len(garbage) > MAX_MESSAGE_BYTES, local.url.replace("http", "ws")
@@ -299,7 +332,7 @@ def test_what_is_no_message_ends_its_page_alone_with_a_line_in_the_log(local, ga
         with suppress(ConnectionClosedError):
             page.send(garbage)
         with pytest.raises(ConnectionClosedError, match="too big" if is_large else None):
-            all(page)  # what the server still sends, until it ends
+            read_all(page)
     assert websocket(local) == 101  # others are served
     assert all(record.exc_info is None for record in caplog.records)
     said = [text for text in caplog.messages if "no message" in text]

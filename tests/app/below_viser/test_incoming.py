@@ -144,6 +144,14 @@ def test_a_value_that_an_input_cannot_have_goes_no_farther(
     assert [record for record in caplog.records if record.levelno >= logging.WARNING] == []
 
 
+def test_what_is_said_of_forms_is_not_kept_for_later_pages(running, page):
+    page.send(type="GuiFormDirtyMessage", uuid="no such form" * 1000)
+    page.change(running.uuid("Name"), "a name")
+    with SocketPage(running.url) as later:
+        later.wait_until(lambda: later.values(running.uuid("Name"))[-1:] == ["a name"])
+        assert later.all_of("GuiFormDirtyMessage") == []
+
+
 def test_a_page_sets_values_of_inputs_alone_within_their_limits(
     running: RunningApp, page: SocketPage
 ) -> None:

@@ -51,6 +51,7 @@ def click_pair(tab: AppPage, model: ModelFile, drawn: Pose, truth: Pose, spot) -
     click(tab, truth.project(seen))
 
 
+@pytest.mark.long
 def test_four_point_pairs_place_the_model(browser: Browser, tmp_path: Path):
     case = demo_case()  # without its start: the model in the middle, seen from a corner
     model, truth = load_model(case.model), load_pose(case.truth, *PHOTO).pose

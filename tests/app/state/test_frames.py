@@ -1,5 +1,6 @@
 """Edits of a sequence: shown frames, keys, stale poses, undo."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -7,8 +8,9 @@ import pytest
 
 from poseviewer.app.page.reports import meaning_of
 from poseviewer.app.page.texts import occlusion_text
+from poseviewer.app.page.time_line import time_line
 from poseviewer.app.state.document import Document
-from poseviewer.app.state.edits import Edit, cancel_drag, redo, release, set_fields, undo
+from poseviewer.app.state.edits import Edit, cancel_drag, drag_to, redo, release, set_fields, undo
 from poseviewer.app.state.frame_edits import (
     edit_frames,
     frame_read,
@@ -26,16 +28,23 @@ from poseviewer.app.state.hiding import (
     unhide,
 )
 from poseviewer.app.state.history import MAX_OPENED
-from poseviewer.app.state.objects import add_object, pick_object, remove_object, set_unit
-from poseviewer.app.state.pointer_edits import drag_to, press
+from poseviewer.app.state.objects import (
+    add_object,
+    alter_object,
+    pick_object,
+    remove_object,
+    set_unit,
+)
+from poseviewer.app.state.pointer_edits import press
 from poseviewer.app.state.pose_edits import nudge, set_field_of_view
+from poseviewer.app.state.results import Pace, PropagationProgress, PropagationRequest
+from poseviewer.app.state.search_edits import toggle_search
 from poseviewer.app.state.session import Session
 from poseviewer.files.scene_json import as_saved
-from poseviewer.fit.propagation import FrameStep
-from poseviewer.scene.sequence import key_indices, show_frame
+from poseviewer.scene.sequence import FrameStep, key_indices, show_frame
 from poseviewer.scene.types import FramePose, SearchResult
 from tests.app.sequences import COUNT, make_sequence
-from tests.app.state.documents import after, make_session, refused
+from tests.app.state.documents import after, assert_same_pose, make_session, refused
 
 RIGHT = nudge("move", 1.0)
 
@@ -265,14 +274,145 @@ def test_a_drag_goes_before_a_frame_that_is_being_read():
     assert after(session, frame_read(1, file)).document.scene.frame_index == 0
 
 
-def test_a_mended_frame_makes_stale_what_leads_from_it():
+def stale_in(session: Session) -> list[int]:
+    """Frames whose pose is stale."""
+    return [index for index, pose in enumerate(poses_of(session)) if pose and pose.is_stale]
+
+
+def test_a_mended_frame_makes_stale_the_poses_beside_it_alone():
     session = mended()
-    poses = poses_of(session)
     assert keys_of(session) == [0, 4]
-    assert [pose is not None and pose.is_stale for pose in poses] == [
-        index not in (0, 4) for index in range(COUNT)
-    ]
-    assert not any(pose and pose.is_stale for pose in poses_of(after(session, undo())))
+    assert stale_in(session) == [3, 5]
+    assert stale_in(after(session, undo())) == []
+    # What a key led to that is gone is stale up to the keys beside it.
+    removed = after(shown_at(session, 4), edit_frames("remove key"))
+    assert stale_in(removed) == [1, 2, 3, 5, 6]
+
+
+def mending(session: Session, key: int = 4) -> tuple[Session, PropagationRequest]:
+    """The session in which poses are mended from a key outwards."""
+    request = PropagationRequest(session.document, (0,), key=key)
+    return replace(session, propagation=PropagationProgress(request, follows=False)), request
+
+
+def test_the_pose_beside_the_last_mended_one_is_stale_until_both_agree():
+    session, request = mending(mended())
+    before, (moved, *_) = poses_of(session), steps(5)
+    begun = after(session, propagation_advanced(request, [moved]))
+    assert stale_in(begun) == [3, 6]
+    assert begun.wanted_frame is None
+    agreed = {index: pose for index, pose in enumerate(before) if pose and index in (6, 3)}
+    ends = [FrameStep(i, {"1": replace(agreed[i], is_stale=False)}) for i in (6, 3)]
+    ended = after(begun, propagation_advanced(request, [moved, *ends], is_over=True))
+    assert stale_in(ended) == []
+    assert "1 frame mended" in time_line(ended)
+    places = [[p and p.world_from_model for p in poses_of(one)] for one in (session, ended)]
+    is_kept = [old is new for old, new in zip(*places, strict=True)]
+    assert is_kept == [index != 5 for index in range(COUNT)]
+
+
+def test_frames_are_counted_and_not_poses():
+    """Between keys, each frame is searched twice."""
+    session = after(shown_at(mended(), 2), edit_frames("between keys"))
+    assert session.propagation is not None
+    request, both = session.propagation.request, [*steps(1, 2, 3), *steps(3, 2, 1)]
+    session = after(session, propagation_advanced(request, both, is_over=True))
+    assert "3 frames propagated" in time_line(session)
+
+
+def test_progress_says_frame_speed_and_time_left():
+    session = after(make_frames_session(), RIGHT, edit_frames("to end"))
+    assert session.propagation is not None
+    pace = Pace(2.0, 6, 4.0)
+    edit = propagation_advanced(session.propagation.request, steps(1, 2), pace=pace)
+    assert "frame 2 of 6, 0.5 a second, 8 s left" in time_line(after(session, edit))
+
+
+def test_a_lost_object_loses_its_own_pose_alone():
+    session = propagated(after(make_frames_session(), RIGHT), *range(1, COUNT))
+    session = after(session, edit_frames("to end"))
+    assert session.propagation is not None
+    for lost, wanted in (((), COUNT), (("1",), COUNT - 1)):
+        step = FrameStep(2, {}, "it is covered", lost)
+        done = after(session, propagation_advanced(session.propagation.request, [step]))
+        assert sum(map(bool, poses_of(done))) == wanted
+
+
+def two_objects() -> Session:
+    """Keys of two objects in the first frame; the second is active."""
+    session = after(make_frames_session(), RIGHT, add_object())
+    return after(session, press(60.0, 60.0), drag_to(70.0, 60.0), release())
+
+
+def test_to_start_and_to_end_are_for_all_objects_unless_one_is_chosen():
+    session = two_objects()
+
+    def chosen(*edits: Edit) -> tuple[int, ...]:
+        progress = after(session, *edits).propagation
+        assert progress is not None
+        return progress.request.object_indices
+
+    assert chosen(edit_frames("to end")) == (0, 1)
+    assert chosen(edit_frames("to next key")) == (1,)
+    assert chosen(edit_frames("alone"), edit_frames("to end")) == (1,)
+    assert chosen(edit_frames("alone"), edit_frames("alone"), edit_frames("to end")) == (0, 1)
+    assert chosen(alter_object(1, locked=True), edit_frames("to end")) == (1,)
+    assert "of all objects" in time_line(session)
+    assert "of all objects" not in time_line(make_frames_session())
+
+
+@pytest.mark.parametrize("key", ["J", "O", "PageUp", "R"])
+def test_no_key_moves_the_model_while_frames_are_propagated(key: str):
+    session = after(make_frames_session(), RIGHT, edit_frames("to end"))
+    code = key if len(key) > 1 else f"Key{key}"
+    edit = meaning_of(f'{{"kind": "key", "code": "{code}", "key": "{key.lower()}"}}')
+    assert isinstance(edit, Edit)
+    assert "Esc" in refused(session, edit)
+    assert "Esc" in refused(session, RIGHT)
+
+
+def test_the_search_key_stops_a_propagation():
+    session = after(make_frames_session(), RIGHT, edit_frames("to end"), toggle_search())
+    assert not session.is_propagating
+    assert not session.is_searching
+
+
+def arrow(code: str, **held: bool) -> Edit:
+    report = {"kind": "key", "code": code, "key": code, **held}
+    edit = meaning_of(json.dumps(report))
+    assert isinstance(edit, Edit)
+    return edit
+
+
+@pytest.mark.parametrize(
+    ("code", "held", "index"),
+    [
+        ("ArrowRight", {}, 3),
+        ("ArrowLeft", {}, 1),
+        ("ArrowRight", {"shift": True}, COUNT - 1),
+        ("ArrowDown", {}, 4),
+        ("ArrowUp", {}, 0),
+    ],
+)
+def test_arrows_step_through_a_sequence(code: str, held: dict[str, bool], index: int):
+    session = shown_at(mended(), 2)
+    stepped = after(session, arrow(code, **held))
+    assert stepped.wanted_frame == index
+    assert stepped.document is session.document
+    # While poses are propagated, they look elsewhere, and it goes on.
+    running = after(session, edit_frames("to end"), arrow(code, **held))
+    assert running.is_propagating
+    assert running.wanted_frame == index
+
+
+def test_arrows_move_the_model_with_alt_and_in_a_still_scene():
+    session = shown_at(mended(), 2)
+    moved = after(session, arrow("ArrowRight", alt=True))
+    assert keys_of(moved) == [0, 2, 4]
+    assert moved.wanted_frame is None
+    still = after(make_session(), arrow("ArrowRight"))
+    assert still.document.pose is not make_session().document.pose
+    assert_same_pose(still.document.pose, after(make_session(), RIGHT).document.pose, 1e-12)
 
 
 def test_propagated_poses_are_cleared_and_keys_removed():
@@ -303,7 +443,7 @@ def test_a_propagation_is_one_undo_step_and_its_end_is_said():
     session = after(make_frames_session(), RIGHT)
     done = propagated(session, 1, 2, 3, note="m.ply is lost: it is covered")
     assert done.propagation is not None
-    assert done.propagation.notes == ("frame 5: m.ply is lost: it is covered",)
+    assert done.propagation.notes == ("m.ply is lost: it is covered",)
     assert [i for i, pose in enumerate(poses_of(done)) if pose] == [0, 1, 2, 3]
     assert done.wanted_frame == 4
     assert poses_of(after(done, undo())) == poses_of(session)
@@ -321,7 +461,7 @@ def test_a_propagation_streams_and_follows_until_the_user_looks_elsewhere():
     assert [i for i, pose in enumerate(poses_of(later)) if pose] == [0, 1, 2, 3]
 
 
-@pytest.mark.parametrize("stop", [press(120.0, 90.0), cancel_drag(), edit_frames("stop"), RIGHT])
+@pytest.mark.parametrize("stop", [press(120.0, 90.0), cancel_drag(), edit_frames("stop")])
 def test_a_drag_and_escape_stop_a_propagation(stop: Edit):
     session = after(make_frames_session(), RIGHT, edit_frames("to end"))
     assert session.propagation is not None

@@ -137,7 +137,8 @@ def test_a_search_and_its_maps_are_by_the_renderer_of_the_settings(document, mon
         GpuRenderer, "moments_at", lambda *given: judged.append(len(given[1])) or moments_at(*given)
     )
     session = Session(compared_by(document, FitSettings(limits=Limits(10))).with_renderer("gpu"))
-    first = searched(session.document)[0].progress
+    request = SearchRequest(session.document, (session.document.settings,), (0,))
+    first = next(iter(run_search(request))).progress
     assert judged
     own = pose_loss(first.problem, renderer_of(document.mesh), first.parameters)
     assert first.loss == pytest.approx(own, abs=1e-3)

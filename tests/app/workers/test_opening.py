@@ -24,7 +24,7 @@ from poseviewer.files.scene_json import as_saved, pose_json
 from poseviewer.files.state.session_file import load_autosave
 from poseviewer.geometry.lens import same_undistortion
 from poseviewer.opening.sources import Sources, model_files, sort_set
-from poseviewer.scene.types import SearchResult
+from poseviewer.scene.types import OBJECT_TEXTS, SearchResult
 from tests.app.state.documents import after as edited
 from tests.app.state.documents import assert_same_pose, open_files
 from tests.scene import Scene
@@ -60,8 +60,9 @@ def test_frames_that_are_dropped_are_a_sequence_of_the_open_model(scene, plain, 
     assert opened.model.path == scene.model
     assert not opened.object.is_placed
     assert opened.photo.undistortion is not None
-    restored = open_autosaved(make_autosave(opened))
+    restored = open_autosaved(replace(make_autosave(opened), notes=("A change is lost.",)))
     assert [frame.file.path for frame in restored.scene.frames] == names
+    assert "A change is lost." in restored.scene.notes
 
 
 def test_an_undistorted_photo_stays_so_in_files_and_sessions(
@@ -81,6 +82,17 @@ def test_an_undistorted_photo_stays_so_in_files_and_sessions(
     assert_same_pose(restored.pose, undistorted.pose, 0.0)
     for document in (corner, undistorted, posed, restored):
         np.testing.assert_array_equal(document.photo.pixels, wanted.pixels)
+
+
+def test_texts_of_the_user_are_kept_unless_a_pose_file_has_others(plain, tmp_path):
+    path, texts = tmp_path / "pose.json", {name: f"own {name}" for name in OBJECT_TEXTS}
+    assert texts
+    written = plain.with_object(**texts)
+    assert written.placement != plain.placement  # it is unsaved
+    save_pose(path, pose_json(as_saved(written.scene)))
+    assert open_pose(plain, path).object.texts == texts
+    save_pose(path, pose_json(as_saved(plain.scene)))
+    assert open_pose(written, path).object.texts == texts
 
 
 def test_all_objects_of_a_session_come_back(plain: Document, tmp_path: Path) -> None:

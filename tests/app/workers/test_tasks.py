@@ -9,12 +9,19 @@ from typing import Any
 
 import pytest
 
-from poseviewer.app.page.texts import MODEL_HINT, hint_of
+from poseviewer.app.page.texts import MODEL_HINT, every_text, hint_of
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers import jobs
 from poseviewer.app.workers.maps import MapMaker
-from poseviewer.app.workers.tasks import QueuedTask, TaskQueue, TaskResult, upload
+from poseviewer.app.workers.tasks import (
+    LONG_VIDEO,
+    QueuedTask,
+    TaskQueue,
+    TaskResult,
+    Tell,
+    upload,
+)
 from poseviewer.errors import FileSetError
 from poseviewer.files.demo import demo_case
 from poseviewer.opening.uploads import pack
@@ -23,6 +30,7 @@ from tests.app.running_app import running_app
 from tests.app.state import edits as c
 from tests.app.state.documents import make_session, open_files
 from tests.scene import Scene
+from tests.videos import write_video
 
 PATIENCE_S = 60.0
 
@@ -54,6 +62,72 @@ def test_a_task_that_is_dropped_brings_nothing(tmp_path: Path):
     tasks.close()
 
 
+def test_progress_is_published_and_a_dropped_task_ends(tmp_path: Path):
+    tasks, session, go = TaskQueue(tmp_path), make_session(), threading.Event()
+    ends = list[str]()
+
+    def slow(_: Session, __: Path, tell: Tell) -> TaskResult:
+        tell(9, 698)
+        assert go.wait(PATIENCE_S)
+        try:
+            tell(10, 698)
+        finally:
+            ends.append("told")
+        ends.append("done")
+        return TaskResult()
+
+    tasks.add(QueuedTask(slow, "Reading clip.mp4 ..."))
+    tasks.follow(session)
+    items: list[Any] = []
+    while not items:
+        items = tasks.mailbox.take(PATIENCE_S)
+    (progress,) = items
+    assert progress.working == "Reading clip.mp4 ..."
+    assert (progress.pace.done, progress.pace.total) == (9, 698)
+    assert tasks.drop()
+    go.set()
+    tasks.close()
+    assert ends == ["told"]
+    assert tasks.mailbox.take(0.0) == []
+
+
+def uploaded(tmp_path: Path, count: int) -> tuple[Session, QueuedTask]:
+    """A session, and the upload of a video of some frames."""
+    case = demo_case()
+    video = write_video(tmp_path / "clip.mp4", count).read_bytes()
+    session = Session(open_files(case.photo, case.model, case.start))
+    return session, upload("photo", "clip.mp4", pack([("clip.mp4", video)]), client=7)
+
+
+def test_a_long_video_is_asked_about_and_every_nth_frame_read(tmp_path: Path):
+    session, task = uploaded(tmp_path, LONG_VIDEO + 1)
+    asked = task.run(session, tmp_path, lambda *_: None)
+    assert asked.edits == ()
+    assert asked.client == 7
+    question = asked.question
+    assert question is not None
+    assert (question.name, question.frames) == ("clip.mp4", LONG_VIDEO + 1)
+    assert "**301 frames**" in every_text(question, 1)
+    assert "2 min to propagate" in every_text(question, 1)
+    assert "**61 frames**" in every_text(question, 5)
+    assert "21 s to propagate" in every_text(question, 5)
+    told = list[tuple[float, int]]()
+    (edit,) = question.open(5).run(session, tmp_path, lambda *how: told.append(how)).edits
+    opened = edit(session)
+    assert len(opened.document.scene.frames) == 61
+    assert told[-1] == (61, 61)
+    assert sorted(told) == told
+
+
+def test_a_short_video_is_opened_at_once(tmp_path: Path):
+    session, task = uploaded(tmp_path, 4)
+    told = list[tuple[float, int]]()
+    result = task.run(session, tmp_path, lambda *how: told.append(how))
+    assert result.question is None
+    assert len(result.edits[0](session).document.scene.frames) == 4
+    assert told == [(number, 4) for number in (1, 2, 3, 4)]
+
+
 def test_uploads_that_wait_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("poseviewer.app.workers.tasks.MAX_UPLOAD_BYTES", 100)
     tasks = TaskQueue(tmp_path)
@@ -73,13 +147,14 @@ def test_a_photo_alone_waits_for_its_model_where_the_demo_is_open(scene: Scene, 
     for model, is_looking in ((case.model, False), (scene.model, True)):
         session = Session(open_files(case.photo, model, case.start))
         task = upload("photo", "own.png", pack([("own.png", photo)]))
-        (edit,) = task.run(session, tmp_path).edits
+        (edit,) = task.run(session, tmp_path, lambda *_: None).edits
         opened = edit(session)
         assert opened.is_looking is is_looking
         assert (hint_of(opened) == MODEL_HINT) is not is_looking
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("asked", ["task", "proposals"])
 def test_maps_and_a_search_wait_for_what_was_asked_for(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, asked: str

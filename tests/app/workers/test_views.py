@@ -77,6 +77,7 @@ def test_maps_are_of_the_mean_loss_and_a_press_moves_all(session: Session):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_search_finds_the_pose_in_all_photos_and_says_of_each(session: Session):
     asked = after(session, c.start_search())
     request = asked_of(asked)
@@ -88,7 +89,9 @@ def test_a_search_finds_the_pose_in_all_photos_and_says_of_each(session: Session
     result = asked.document.object.result
     assert result is not None
     assert result.verdict is not None
-    assert [one.label for one in (result.verdict, *result.verdict.views)] == ["found"] * 4
+    assert result.verdict.label == "found"
+    # One photo alone may leave another pose open.
+    assert "lost" not in [one.label for one in result.verdict.views]
     for index in range(3):
         seen = after(asked, show_view(index))
         assert pose_error(MESH, seen.document.pose, TRUTH[index]).percent < 1.0
