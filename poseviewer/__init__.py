@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         SetChoice,
         StartCamera,
         load,
+        load_frames,
     )
 
 __version__ = "0.2.0.dev0"
@@ -41,6 +42,7 @@ __all__ = [
     "SetChoice",
     "StartCamera",
     "load",
+    "load_frames",
 ]
 
 

@@ -29,14 +29,18 @@ from poseviewer.errors import PoseViewerError as PoseViewerError
 from poseviewer.errors import SettingsError, list_names
 from poseviewer.figures.map_archive import LossMaps
 from poseviewer.files.cameras import Calibration
+from poseviewer.files.formats.gltf_export import save_painting
+from poseviewer.files.image_sequence import load_sequence
 from poseviewer.files.masks import save_pose_and_masks
 from poseviewer.files.photo import save_image
 from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene_json import as_saved, pose_json, save_scene
+from poseviewer.files.writing import safe_path
 from poseviewer.fit.lighting import render_relit
+from poseviewer.fit.painting import paint_object
 from poseviewer.fit.problem import FitProblem, make_problem, pose_loss, pose_to_params
 from poseviewer.fit.progress import FitProgress, SearchProgress, Status
-from poseviewer.fit.propagation import FrameStep, propagate
+from poseviewer.fit.propagation import propagate
 from poseviewer.fit.search import Search, make_search_result
 from poseviewer.fit.slices import Slice, landscape
 from poseviewer.fit.stages import StageMaker, make_stages
@@ -48,8 +52,8 @@ from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.losses.loss import Unexplained
 from poseviewer.opening.photo_sets import LoadedViews, SetChoice
-from poseviewer.opening.scenes import open_scene
-from poseviewer.opening.sources import name_sources
+from poseviewer.opening.scenes import open_scene, with_key
+from poseviewer.opening.sources import Sources, name_sources
 from poseviewer.render.attributes import AttributeImage, Renderer
 from poseviewer.render.overlay import LOOKS
 from poseviewer.render.overlay.styles import SOLID_OPACITY, ModelInPhoto, Picture, draw_style
@@ -57,7 +61,7 @@ from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import visible_fraction
 from poseviewer.render.renderers import make_renderer
 from poseviewer.scene.assets import ModelFile
-from poseviewer.scene.sequence import require_keys, store_poses
+from poseviewer.scene.sequence import FrameStep, require_keys, store_poses
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import Scene, SceneObject
 from poseviewer.starts.automatic import AUTOMATIC, propose_about
@@ -116,6 +120,43 @@ def load(
     return make_registration(open_scene(sources), renderer)
 
 
+def load_frames(
+    frames: str | Path,
+    model: str | Path | ModelFile,
+    keys: Mapping[int, str | Path | Pose],
+    *,
+    every: int = 1,
+    calibration: Calibration | str | Path | None = None,
+    **changes: Any,
+) -> Registration:
+    """Load a video or a folder of frames as a sequence, with the poses of a model in some of them.
+
+    Args:
+        frames: video, or folder of images.
+        model: file, or loaded model.
+        keys: pose files or poses by the frames' indices, which count those that are taken.
+        every: take the first frame, and every N-th after it.
+        calibration: camera and lens of all frames, as of ``load``.
+        **changes: fields of the settings by name.
+
+    Raises:
+        PoseViewerError: a file cannot be used, or the settings do not go with it.
+    """
+    if not keys:
+        raise SettingsError("no keys; wanted a pose in one of the frames.")
+    if isinstance(calibration, str | Path):
+        calibration = Calibration(Path(calibration))
+    poses = {index: one if isinstance(one, Pose) else Path(one) for index, one in keys.items()}
+    sources = Sources(
+        frames=load_sequence(frames, every),
+        model=Path(model) if isinstance(model, str) else model,
+        keys=poses,
+        calibration=calibration,
+        settings=replace(FitSettings(), **changes),
+    )
+    return make_registration(open_scene(sources))
+
+
 def make_registration(
     scene: Scene, renderer: Renderer | None = None, object_index: int | None = None
 ) -> Registration:
@@ -131,8 +172,7 @@ def make_registration(
     registration = Registration(scene, renderers, object_index)
     notes, problems = [*scene.notes], {}
     for item in (scene.objects[i] for i in registration.indices):
-        if item.mesh not in renderers:
-            renderers[item.mesh] = make_renderer(item.mesh, item.settings.renderer)
+        _add_renderers(renderers, item)
         notes += item.notes
         if not item.is_placed:
             notes.append(f"{item.label} is not placed: no search moves it.")
@@ -140,6 +180,12 @@ def make_registration(
         problems[object_index], of_chart = make_problem(scene, object_index)
         notes += of_chart
     return replace(registration, notes=tuple(notes), _problems=problems)
+
+
+def _add_renderers(renderers: dict[Mesh, Renderer], item: SceneObject) -> None:
+    """Add renderers of an object's surfaces: the model's, and those of its paint."""
+    for mesh in {item.mesh, item.drawn_mesh, item.compared_mesh} - {*renderers}:
+        renderers[mesh] = make_renderer(mesh, item.settings.renderer)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,7 +206,9 @@ class PosedScene:
     views = property(attrgetter("scene.views"), doc="``scene.views``.")
     settings = property(attrgetter("object.settings"), doc="``object.settings``.")
     mesh = property(attrgetter("object.mesh"), doc="``object.mesh``.")
-    renderer = property(lambda self: self.renderers[self.mesh], doc="Renderer of the object.")
+    renderer = property(
+        lambda self: self.renderers[self.object.compared_mesh], doc="Renderer of the object."
+    )
     photo = property(
         lambda self: self.views[self.view_index].photo, doc="Photo of the view whose chart is used."
     )
@@ -326,11 +374,40 @@ class PosedScene:
         def relight(image: AttributeImage) -> FloatArray:
             views = self.problem.views
             photo = next((each.photo for each in views if each.view_index == view), views[0].photo)
-            return render_relit(photo, self.renderer, placed.pose, image)
+            return render_relit(photo, self.renderers[mesh], placed.pose, image)
 
-        model = ModelInPhoto(picture, placed.mesh, self.renderer, placed.pose, relight, opacity)
+        mesh = self.object.drawn_mesh
+
+        model = ModelInPhoto(picture, mesh, self.renderers[mesh], placed.pose, relight, opacity)
         drawn = draw_style(look, model)
         return drawn if in_front is None else np.where(in_front.occluded[..., None], picture, drawn)
+
+    def save_painted(self, path: str | Path) -> tuple[Path, ...]:
+        """Write the painted models as GLB and return the files: of several objects one each,
+        ``painted.ID.glb`` for a ``path`` ``painted.glb``.
+
+        Raises:
+            PoseViewerError: an object is not painted, or a file cannot be written.
+        """
+        paths = self.painted_files(path)
+        for index, file in zip(self.indices, paths, strict=True):
+            item = self.objects[index]
+            if item.painting is None:
+                raise SettingsError(f"{item.label} is not painted; paint it first.")
+            save_painting(file, item.painting)
+        return paths
+
+    def painted_files(self, path: str | Path) -> tuple[Path, ...]:
+        """Return the files that ``save_painted`` writes, each of another name."""
+        path = Path(path)
+        if len(self.indices) == 1:
+            return (path,)
+        names = [safe_path(self.objects[i].id.replace("/", "-")).name for i in self.indices]
+        folded = [name.casefold() for name in names]
+        for at, name in enumerate(folded):
+            if folded.count(name) > 1:
+                names[at] += f"-{self.indices[at] + 1}"
+        return tuple(path.with_name(f"{path.stem}.{name}{path.suffix}") for name in names)
 
     def draw(self, path: str | Path, look: str = "outline") -> tuple[Path, ...]:
         """Write ``picture(look)`` in the format of the path's ending and return the files: for
@@ -392,8 +469,10 @@ class Registration(PosedScene):
         placed = tuple(i for i in self.indices if scene.objects[i].is_placed)
         if not placed:
             names = list_names([repr(scene.objects[i].label) for i in self.indices])
-            raise SettingsError(f"{names}: not placed, so there is no start; place it first.")
-        renderers = {i: self.renderers[scene.objects[i].mesh] for i in placed}
+            raise SettingsError(
+                f"{names}: not placed, so there is no start; place it, or look for it (auto)."
+            )
+        renderers = {i: self.renderers[scene.compared_mesh(i)] for i in placed}
         return Search(scene, renderers, placed, threads, self.view_index, stages, propose_about)
 
     def search(
@@ -446,18 +525,55 @@ class Registration(PosedScene):
         about = scene, self.renderers, self.object_index, self.view_index
         return FitResult(*about, before=self, progress_by_object=now.progress_by_object)
 
+    def with_key(self, frame_index: int, start: str | Path | Pose) -> Registration:
+        """Make a key of the object's pose in a frame of a sequence: a pose, or a pose file.
+
+        Raises:
+            PoseViewerError: there is no such frame, the file cannot be used, or the pose is by
+                another camera than the sequence's.
+        """
+        path_or_pose = start if isinstance(start, Pose) else Path(start)
+        scene = with_key(self.scene, frame_index, path_or_pose, self._index)
+        notes = (*self.notes, *scene.notes[len(self.scene.notes) :])
+        return replace(self, scene=scene, notes=notes, _problems={})
+
+    def paint(self) -> Registration:
+        """Paint the models from the keys of a sequence, or from all photos that show them.
+
+        Poses are searched for by the painted models then; verdicts are of the bare ones.
+
+        Raises:
+            PoseViewerError: there is no key, no photo shows enough, or one cannot be read.
+        """
+        scene, renderers = self.scene, dict(self.renderers)
+        for index in self.indices:
+            scene = scene.with_object(index, painting=paint_object(scene, index))
+            _add_renderers(renderers, scene.objects[index])
+        return replace(self, scene=scene, renderers=renderers, _problems={})
+
     def propagate(
-        self, first: int = 0, last: int | None = None, *, threads: int = 1
+        self,
+        first: int = 0,
+        last: int | None = None,
+        *,
+        threads: int = 1,
+        known: Sequence[FrameStep] = (),
     ) -> Iterator[FrameStep]:
         """Yield the poses of ``track`` frame by frame; to stop it, stop asking.
+
+        Args:
+            first: index of the first frame.
+            last: index of the last frame; default: that of the sequence.
+            threads: more of them give the same poses in less time.
+            known: what was yielded before it was stopped; it goes on from there.
 
         Raises:
             SettingsError: the scene is no sequence, or has no keys.
         """
         require_keys(self.scene, [self.objects[index].id for index in self.indices])
-        renderers = {i: self.renderers[self.objects[i].mesh] for i in self.indices}
+        renderers = {i: self.renderers[self.objects[i].compared_mesh] for i in self.indices}
         last = len(self.scene.frames) - 1 if last is None else last
-        return propagate(self.scene, renderers, first, last, self.indices, threads)
+        return propagate(self.scene, renderers, first, last, self.indices, threads, known)
 
     def track(
         self,

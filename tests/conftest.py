@@ -1,7 +1,7 @@
 """Real data where it is there, a scene, and settings for all tests.
 
-Two cores of an Intel Xeon of 2.1 GHz (Sapphire Rapids) take 4 minutes, and another 19 for those
-that are marked slow.
+Two cores of an Intel Xeon of 2.1 GHz (Sapphire Rapids) take 5 minutes, another 5 for those that
+are marked slow, and 20 for those that are marked long, too.
 """
 
 import os

@@ -31,6 +31,7 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_lines_of_the_readme_find_the_pose_of_the_demo(tmp_path, monkeypatch, capsys):
     case = demo_case()
     # At half its size: the same pose, and a test of seconds.
@@ -184,6 +185,7 @@ def test_mistakes_are_one_sentence(scene, changes, said):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_camera_that_contradicts_the_others_is_named_and_does_no_harm():
     good = make_views()
     turn = RigidTransform.from_rotation_vector([0.0, np.radians(3.0), 0.0], np.zeros(3))

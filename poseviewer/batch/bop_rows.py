@@ -9,7 +9,7 @@ from typing import Any
 
 from poseviewer.batch.job_table import Job, with_keys
 from poseviewer.batch.result_folder import Batch, Row
-from poseviewer.errors import BatchError
+from poseviewer.errors import BatchError, PoseViewerError
 from poseviewer.files.checks import is_there
 from poseviewer.files.formats.bop import (
     CAMERAS,
@@ -22,6 +22,7 @@ from poseviewer.files.formats.bop import (
     load_bop_camera,
     load_bop_entries,
     load_scene_file,
+    model_path,
     object_number,
     same_intrinsics,
     save_bop_images,
@@ -76,8 +77,13 @@ def load_scene_jobs(
         path = out / STARTS / f"{entry.image:06d}-{number:06d}{more}.json"
         if entry.pose is not None:
             save_start(path, PoseRecord.of(entry.pose))
-        files = entry.photo, str(relative / MODEL_FILE.format(number)), os.path.relpath(path, scene)
-        said = {"problem": entry.problem, "is_hidden": entry.visible == 0.0}
+        model, problem = relative / MODEL_FILE.format(number), entry.problem
+        try:
+            model_path(models, number)
+        except PoseViewerError as error:
+            problem = problem or str(error)
+        files = entry.photo, str(model), os.path.relpath(path, scene)
+        said = {"problem": problem, "is_hidden": entry.visible == 0.0}
         jobs.append(Job(len(jobs) + 1, *files, str(scene), **said))
     if not jobs:
         raise BatchError(f"{scene}: no pose of the wanted objects in it; nothing to do.")

@@ -115,6 +115,7 @@ def run_batch(
     scheduler: str | None = None,
     processes: int | None = None,
     run: Callable[..., JobResult] = run_row,
+    tick: Callable[[], object] = lambda: None,
 ) -> Generator[JobResult, None, None]:
     """Run jobs, and yield their results as they come.
 
@@ -124,6 +125,7 @@ def run_batch(
         scheduler: address of a Dask scheduler; None: run on this machine.
         processes: number of processes; None: one for each processor.
         run: function of a job and ``plan``, the batch; it writes the result last.
+        tick: called now and then while jobs run on this machine.
     """
     if not jobs:
         return
@@ -131,7 +133,7 @@ def run_batch(
     fit, processes = partial(run, plan=plan), processes or processors()
     with lock_folder(batch.folder):
         if scheduler is None:
-            results = run_in_processes(fit, jobs, processes)
+            results = run_in_processes(fit, jobs, processes, tick)
         else:
             names = [f"poseviewer-{job.key}-{batch.folder}" for job in jobs]
             results = run_on_cluster(fit, dict(zip(names, jobs, strict=True)), scheduler)

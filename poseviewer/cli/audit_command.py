@@ -8,6 +8,7 @@ from argparse import Namespace
 
 from poseviewer.cli import options as table
 from poseviewer.cli.batch_command import BOP_SCENE, OUT, run_rows
+from poseviewer.cli.terminal import GOES_ON
 
 GIVEN = "folder of a BOP scene or a batch's results, scene file of a sequence, or table of jobs"
 OPTIONS = {
@@ -20,6 +21,7 @@ EXAMPLES = (
     "poseviewer audit test/000002 --models models --out audit",
     "poseviewer audit results --out audit",
 )
+STOPPED = GOES_ON
 
 
 def run(options: Namespace) -> int:

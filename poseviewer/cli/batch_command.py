@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from poseviewer.cli import options as table
 from poseviewer.cli.case import make_settings
-from poseviewer.cli.terminal import say, take_all, tell
+from poseviewer.cli.terminal import GOES_ON, progress_bar, say, take_all, tell
 from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE
 
 if TYPE_CHECKING:
@@ -41,6 +41,7 @@ EXAMPLES = (
     "poseviewer batch jobs.csv --out results",
     "poseviewer batch test/000002 --models models --objects 1,5 --out results",
 )
+STOPPED = GOES_ON
 
 
 def run(options: Namespace) -> int:
@@ -66,7 +67,8 @@ def run_rows(options: Namespace, is_audit: bool = False) -> int:
     if (done := sum(job.key not in keys for job in batch.jobs)) and not options.quiet:
         tell(f"{done} of {count} rows were done before.")
     results = run_batch(batch, to_do, scheduler=options.scheduler, processes=options.processes)
-    stopped = take_all(_asking(results), len(to_do), options.quiet)
+    with progress_bar(len(to_do), options.quiet) as bar:
+        stopped = take_all(_asking(results), bar.update)
     rows = save_summaries(batch)
     failed = sum(row.result.failed for row in rows)
     more = "; stopped, run it again to go on" if stopped else ""

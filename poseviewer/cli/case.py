@@ -64,7 +64,7 @@ def calibration_of(options: Namespace) -> Calibration | None:
 def name_files(options: Namespace) -> Sources:
     """Return the files that the options name, and refuse those that exclude each other."""
     from poseviewer.opening.photo_sets import SetChoice
-    from poseviewer.opening.sources import Sources, is_scene_file, name_sources
+    from poseviewer.opening.sources import Sources, is_pose_file, is_scene_file, name_sources
 
     photo, model, views = options.photo, options.model, options.views
     if views is not None:
@@ -75,6 +75,9 @@ def name_files(options: Namespace) -> Sources:
     table.refuse(options, table.OF_VIEWS, "without --views; leave it out, or name a set of photos")
     is_json = model is None and photo is not None and photo.suffix.lower() == ".json"
     if photo is not None and (is_json or is_scene_file(photo)):
+        if is_json and is_pose_file(photo):
+            found = f"{photo}: a pose file, which does not say its photo and model"
+            raise SettingsError(f"{found}; name them: PHOTO MODEL --pose {photo.name}")
         table.refuse(options, (*table.STARTS, *table.OF_A_PHOTO), SAYS.format(photo.name))
         if model is not None:
             raise SettingsError(f"{photo}: a scene file says its models; leave out MODEL")

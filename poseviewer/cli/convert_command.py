@@ -17,7 +17,7 @@ from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.formats.known_formats import FORMATS
 from poseviewer.files.formats.sequence_export import SEQUENCE_FORMATS
 from poseviewer.files.mesh.size import METRES
-from poseviewer.scene.sequence import as_still
+from poseviewer.scene.sequence import as_still, stale_notes
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -81,6 +81,8 @@ def run(options: Namespace) -> int:
     else:
         if scene.frames and name != SCENE:
             say(f"note: Such a file is of one frame: that of {scene.views[0].name}.")
+            for note in stale_notes(scene, [scene.frame_index]):
+                say(f"note: {note}")
             scene = as_still(scene)
         files, notes = FORMATS[name].convert(scene, options.out, request)
         if name == "bop":

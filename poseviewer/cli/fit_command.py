@@ -102,6 +102,8 @@ def search(registration: Registration, quiet: bool) -> FitResult:
     for object_index, each in enumerate(result.objects):
         if object_index not in result.indices:
             continue
+        if not each.is_placed:
+            continue  # a note says so
         if len(visible):
             say(f"{each.label} (seen to {visible[object_index]:.0%})")
         if object_index in result.progress_by_object:

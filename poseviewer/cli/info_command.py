@@ -1,4 +1,4 @@
-"""Print what poseviewer understood of a photo, a model, a pose or a scene."""
+"""Print what poseviewer understood of a photo, a video, a model, a pose or a scene."""
 
 from __future__ import annotations
 
@@ -39,7 +39,11 @@ class _CamerasHelp(Action):
 
 CALIBRATION = table.option("--calibration FILE", table.CAMERAS, action=_CamerasHelp, nargs="?")
 OPTIONS = {
-    "": (table.option("path PHOTO|MODEL|POSE|SCENE", "file to describe"),),
+    "": (
+        table.option(
+            "path PHOTO|VIDEO|MODEL|POSE|SCENE", "file to describe, or a folder: what it holds"
+        ),
+    ),
     "the photo's camera": (CALIBRATION, *table.OF_CALIBRATION),
 }
 EXAMPLES = ("poseviewer info car.glb", "poseviewer info photo.jpg --calibration camera.yml")
@@ -49,14 +53,19 @@ def run(options: Namespace) -> int:
     """Print what was understood of a file, by its ending; with a calibration it is a photo."""
     from poseviewer.files.mesh.load import READERS
     from poseviewer.files.photo import ENDINGS, RAW_ENDINGS
+    from poseviewer.files.video import VIDEOS
     from poseviewer.opening.sources import is_scene_file
 
     path, calibration = options.path, calibration_of(options)
     suffix = path.suffix.lower() if calibration is None else ""
-    if suffix == ".json":
+    if path.is_dir():
+        _print_folder(path)
+    elif suffix == ".json":
         (_print_scene if is_scene_file(path) else _print_pose)(path)
     elif suffix in READERS:
         _print_model(path)
+    elif suffix in VIDEOS:
+        _print_video(path)
     else:
         try:
             _print_photo(path, calibration)
@@ -100,6 +109,21 @@ def _print_photo(path: Path, calibration: Calibration | None) -> None:
         focal = photo.default_camera().fx
         _print(camera=f"fx = fy = {focal:.1f} px, a first guess ({source})")
     _print(sha256=photo.sha256, note=photo.notes)
+
+
+def _print_folder(path: Path) -> None:
+    from poseviewer.opening.photo_sets import describe_folder
+
+    if not (holds := describe_folder(path)):
+        wanted = "wanted a photo, a video, a model, a COLMAP model, a BOP scene or images"
+        raise PhotoFileError(f"{path}: a folder without them; {wanted}.")
+    _print(folder=path.resolve().name, holds=holds)
+
+
+def _print_video(path: Path) -> None:
+    from poseviewer.files.video import describe_video
+
+    _print(video=path.name, **describe_video(path))
 
 
 def _print_model(path: Path) -> None:

@@ -12,6 +12,7 @@ OPTIONS = {
         *table.FILES,
         table.POSE,
         table.OBJECT,
+        table.METHODS[0],
         table.option("--out FOLDER", "write landscape.png and landscape.npz here", required=True),
         table.option("--size POINTS", "compute points a side (default: 41)", default=41),
         table.option("--range SHARE", "go so far, in shares of scales (default: 0.2)", default=0.2),

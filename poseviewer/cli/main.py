@@ -1,16 +1,19 @@
 """The command line: find the command, parse its options, run it.
 
 Each command is a module, ``NAME_command``, with ``OPTIONS``, ``EXAMPLES`` and ``run``; the module's
-docstring is its description. ``run`` imports what is slow to import.
+docstring is its description. ``run`` imports what is slow to import. ``STOPPED`` says what Ctrl-C
+leaves of a command that writes before its end.
 """
 
 import io
 import logging
 import os
 import re
+import signal
 import sys
 from argparse import ArgumentParser, HelpFormatter, Namespace
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import NoReturn
@@ -46,6 +49,7 @@ COMMANDS = {
     "study": "measure from how far off fits find the pose",
     "batch": "fit many photos",
     "track": "propagate poses through a video or a folder of frames",
+    "paint": "paint the model from photos at known poses, and write it",
     "audit": "refine and judge given poses, and list those that seem wrong",
     "review": "review the results of a batch or an audit, the worst first",
     "identify": "rank several models by how well they explain a photo",
@@ -56,15 +60,16 @@ COMMANDS = {
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run ``poseviewer``; returns the exit code (2: an error that the user can mend)."""
     known: Options = {}
+    stopped = "nothing was written"
     try:
         _make_ready()
         options = parse(sys.argv[1:] if arguments is None else arguments)
         command = import_module(f"poseviewer.cli.{options.command}_command")
-        known = command.OPTIONS
+        known, stopped = command.OPTIONS, getattr(command, "STOPPED", stopped)
         with keeping(inputs(options, known)):
             return command.run(options)
     except KeyboardInterrupt:
-        tell("poseviewer: stopped; nothing was written.")
+        tell(f"poseviewer: stopped; {stopped}.")
         return EXIT_INTERRUPTED
     except BrokenPipeError:
         sys.stderr.close()  # the reader of the output is gone
@@ -77,7 +82,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _make_ready() -> None:
-    """Make output printable on any terminal, replace closed streams, and log warnings."""
+    """Make output printable on any terminal, replace closed streams, log warnings, and let SIGTERM
+    end a command as Ctrl-C does.
+    """
+    with suppress(ValueError):  # not in the main thread
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
     for name in ("stdin", "stdout", "stderr"):
         if getattr(sys, name) is None:  # else the next opened file takes its descriptor
             setattr(sys, name, Path(os.devnull).open("r+"))  # noqa: SIM115

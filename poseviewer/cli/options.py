@@ -47,6 +47,16 @@ def some_of(names: Iterable[str]) -> Callable[[str], tuple[str, ...]]:
     return list_of(_value(str, f"one of {', '.join(names)}", lambda name: name in names))
 
 
+def numbered_path(text: str) -> int | tuple[int, Path] | Path:
+    """Parse a number, a number and a file as ``N=FILE``, or a folder."""
+    number, is_pair, name = text.partition("=")
+    if number.isdecimal() and (name or not is_pair):
+        return (whole(number), Path(name)) if is_pair else whole(number)
+    if is_pair and not Path(text).exists():
+        raise ArgumentTypeError(f"{text} is not a number of a frame and a pose file, N=POSE.json")
+    return Path(text)
+
+
 positive = _value(float, "a number above 0", lambda value: 0.0 < value < float("inf"))
 """Parser of a finite number above 0."""
 whole = _value(int, "a whole number above 0", lambda value: value > 0)
@@ -61,6 +71,7 @@ READERS: Mapping[str, Callable[[str], Any]] = {
     ),
     **dict.fromkeys(("LENGTHS", "PX", "SECONDS", "SHARE"), positive),
     "N": whole,
+    "N|N=POSE.json|FOLDER": numbered_path,
     "N,...": list_of(whole),
     "NAME,...": lambda text: tuple(name for part in text.split(",") if (name := part.strip())),
     "PERCENT,...": list_of(_value(float, "a number from 0 to 100", lambda value: 0 < value <= 100)),

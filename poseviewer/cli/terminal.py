@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +14,9 @@ from poseviewer.files.writing import require_replaceable
 
 if TYPE_CHECKING:
     from tqdm import tqdm
+
+GOES_ON = "what is done is kept, and the same command goes on"
+"""Clause on what Ctrl-C leaves of a command that fills its folder of results as it works."""
 
 
 def say(text: str) -> None:
@@ -38,8 +41,8 @@ def tell_of_compiling() -> None:
         tell("Compiling the kernels for this machine: about half a minute, this once.")
 
 
-def progress_bar(total: int | None, quiet: bool) -> tqdm:
-    """Make a progress bar on standard error, shown after a second."""
+def progress_bar(total: int | None, quiet: bool, done: int = 0) -> tqdm:
+    """Make a progress bar on standard error, shown after a second; ``done`` were so before."""
     from tqdm import tqdm
 
     shape = "{desc} [{elapsed}, {n_fmt} evaluations, {rate_fmt}]"
@@ -47,9 +50,8 @@ def progress_bar(total: int | None, quiet: bool) -> tqdm:
         shape = "{percentage:3.0f}% |{bar}| {n_fmt}/{total_fmt} [{elapsed}<{remaining}]"
     # A log file needs a line now and then, not ten a second.
     interval = 0.1 if sys.stderr.isatty() else 5.0
-    return tqdm(
-        total=total, bar_format=shape, delay=1.0, mininterval=interval, disable=quiet, leave=False
-    )
+    how = {"delay": 1.0, "mininterval": interval, "disable": quiet, "leave": False}
+    return tqdm(total=total, initial=done, bar_format=shape, **how)
 
 
 def require_writable(path: Path, error: type[PoseViewerError]) -> None:
@@ -61,12 +63,12 @@ def require_writable(path: Path, error: type[PoseViewerError]) -> None:
         raise error(f"{path}: {path.parent} is not yours to write to; write elsewhere")
 
 
-def take_all(results: Generator[object, None, None], count: int, quiet: bool) -> bool:
-    """Take all results, with a progress bar of ``count``; tell whether Ctrl-C has ended that."""
-    with closing(results), progress_bar(count, quiet) as bar:
+def take_all(results: Generator[object, None, None], taken: Callable[[], object]) -> bool:
+    """Take all results, call ``taken`` after each, and tell whether Ctrl-C has ended that."""
+    with closing(results):
         try:
             for _ in results:
-                bar.update()
+                taken()
         except KeyboardInterrupt:
             return True
     return False

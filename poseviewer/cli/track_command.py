@@ -7,17 +7,23 @@ from __future__ import annotations
 from argparse import Namespace
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from poseviewer.cli import options as table
 from poseviewer.cli.case import calibration_of, load_named_sequence
-from poseviewer.cli.terminal import say, take_all, tell, tell_of_compiling
+from poseviewer.cli.terminal import GOES_ON, progress_bar, say, take_all, tell, tell_of_compiling
 from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE, SettingsError
 
 if TYPE_CHECKING:
     from poseviewer.scene.types import Scene
 
-KEY = table.option("--key N", "take --pose as that of the Nth frame (default: 1)")
+KEY = table.option(
+    "--key N|N=POSE.json|FOLDER",
+    "take --pose as that of the Nth frame, or POSE.json; repeat for more; or take all pose files "
+    "of a folder, named as their frames (default: 1)",
+    action="append",
+)
 MASKS = (
     table.MASK,
     table.option("--mask-all-frames", "apply the mask to all frames (default: to the key's alone)"),
@@ -34,7 +40,11 @@ OPTIONS = {
         KEY,
         *MASKS,
         *table.SEQUENCE,
-        table.option("--processes N", "run this number of processes (default: one a processor)"),
+        table.option("--paint", "paint the model from the keys, and search by what it shows then"),
+        table.option(
+            "--processes N",
+            "run this number of processes (default: one a processor, as far as the memory reaches)",
+        ),
         table.SCHEDULER,
         table.QUIET,
     ),
@@ -42,44 +52,64 @@ OPTIONS = {
 }
 EXAMPLES = (
     "poseviewer track clip.mp4 car.glb --pose key.json --out results",
-    "poseviewer track scene.json --out results",
+    "poseviewer track scene.json --out results --paint",
 )
+STOPPED = GOES_ON
 
 
 def run(options: Namespace) -> int:
     """Write the sequence with the propagated poses, and a table of its chains."""
-    from poseviewer.batch.chains import SEQUENCE, open_chains, run_chain, save_sequence
+    from poseviewer.batch import chains
     from poseviewer.batch.run import run_batch
+    from poseviewer.files.photo import frame_bytes
+    from poseviewer.processes import memory_bytes
     from poseviewer.render.pool import processors
 
     tell_of_compiling()
     scene = _open(options)
-    for note in () if options.quiet else scene.notes:
+    for note in () if options.quiet else _notes_of(scene):
         tell(f"note: {table.in_options(note, OPTIONS)}")
-    start, batch = open_chains(scene, options.out)
+    start, batch = chains.open_chains(scene, options.out, options.paint)
     to_do = batch.to_do()
     if (done := len(batch.jobs) - len(to_do)) and not options.quiet:
         tell(f"{done} of {len(batch.jobs)} chains were done before.")
-    processes = options.processes or min(processors(), max(len(to_do), 1))
-    job = partial(run_chain, threads=max(1, processors() // processes))
+    camera = scene.views[0].camera
+    in_memory = memory_bytes() / frame_bytes(camera.width, camera.height)
+    processes = options.processes or int(max(1, min(processors(), len(to_do), in_memory)))
+    threads = max(1, processors() // processes)
+    job = partial(chains.run_chain, threads=threads, is_painted=options.paint)
     how = {"scheduler": options.scheduler, "processes": processes, "run": job}
-    stopped = take_all(run_batch(batch, to_do, **how), len(to_do), options.quiet)
-    scene, notes = save_sequence(start, batch)
+    total = sum(chains.count_steps(start, job) for job in to_do)
+    known = chains.count_known(batch, to_do)
+    with progress_bar(total, options.quiet, known) as bar:
+
+        def show() -> None:  # a chain that failed takes its last frames back
+            bar.update(max(chains.count_known(batch, to_do) - bar.n, 0))
+
+        stopped = take_all(run_batch(batch, to_do, **how, tick=show), show)
+    scene, notes = chains.save_sequence(start, batch)
     for note in notes:
         say(note)
     failed = [row for row in batch.rows() if row.result.failed]
     for row in failed:
-        say(f"{row.job.photo}: {row.result.reason}")
+        say(f"chain from {row.job.photo} on: {row.result.reason}")
     posed = sum(bool(frame.poses) for frame in scene.frames)
     more = "; stopped, run it again to go on" if stopped else ""
     say(f"{posed} of {len(scene.frames)} frames have poses{more}")
-    say(f"scene: {options.out / SEQUENCE}")
+    say(f"scene: {options.out / chains.SEQUENCE}")
     return EXIT_INTERRUPTED if stopped else EXIT_MENDABLE if failed else 0
+
+
+def _notes_of(scene: Scene) -> tuple[str, ...]:
+    """Return all notes on what was opened; one on a focal length that is assumed is the last."""
+    view = scene.views[0]
+    notes = (*scene.notes, *(note for item in scene.objects for note in item.notes))
+    return tuple(dict.fromkeys(filter(None, (*notes, view.photo.focal_note(view.camera)))))
 
 
 def _open(options: Namespace) -> Scene:
     """Open the sequence, with its keys."""
-    from poseviewer.files.image_sequence import images_in
+    from poseviewer.files.image_sequence import images_in, poses_named
     from poseviewer.files.scene_assets import check_frames
     from poseviewer.opening.scenes import open_scene
     from poseviewer.opening.sources import Sources
@@ -93,10 +123,23 @@ def _open(options: Namespace) -> Scene:
         )
         scene = open_scene(Sources(scene=path))
         return replace(scene, notes=(*scene.notes, *check_frames(scene)))
-    if options.pose is None:
-        raise SettingsError("a key is wanted: give --pose, the pose in the first frame")
+    given = options.key or []
+    if options.pose is None and all(isinstance(key, int) for key in given):
+        found = "a key is wanted: give --pose, the pose in the first frame, or --key N=POSE.json"
+        raise SettingsError(found)
     frames = load_named_sequence(options, images_in(path) if path.is_dir() else [path])
-    how = {"calibration": calibration_of(options), "key": (options.key or 1) - 1}
+    of_pose = [key for key in given if isinstance(key, int)]
+    if len(of_pose) > 1 or (of_pose and options.pose is None):
+        raise SettingsError(f"--key {of_pose[-1]} without a pose of its own; give N=POSE.json")
+    first, keys = (of_pose or [1])[0] - 1, dict[int, Path]()
+    for key in given:
+        if not isinstance(key, int):
+            own = poses_named(frames, key) if isinstance(key, Path) else {key[0] - 1: key[1]}
+            taken = {first, *keys} if options.pose is not None else set(keys)
+            if twice := sorted(taken & set(own)):
+                raise SettingsError(f"frame {twice[0] + 1} has two poses by --key; leave one out")
+            keys |= own
+    how = {"calibration": calibration_of(options), "key": first, "keys": keys}
     how |= {"mask": options.mask, "mask_all_frames": options.mask_all_frames}
     sources = Sources(frames=frames, model=options.model, start=options.pose, **how)
     return open_scene(sources)

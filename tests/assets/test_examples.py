@@ -17,6 +17,7 @@ OWN = "fit p.png m.ply --pose start.json --loss correlation --pixels whole --out
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "arguments", "words", "files"),
     [

@@ -64,6 +64,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_page_and_readme_say_what_was_measured(folder: Path) -> None:
     page, readme = folder / "results.md", folder / "README.md"
     for path, source in ((page, results.PAGE), (readme, results.README)):

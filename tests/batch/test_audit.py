@@ -81,6 +81,7 @@ def scene_gt(folder: Path) -> dict[str, list[dict]]:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_shifted_pose_alone_is_listed_first(audited: Path) -> None:
     rows = review.load_queue(audited / "audit").rows
     assert [row.result.finding for row in rows] == ["moved", "", ""]
@@ -148,6 +149,7 @@ def test_review_keeps_or_accepts_and_shows_the_given_pose(out: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_an_audit_goes_on_where_it_was(audited: Path, capsys) -> None:
     out = audited / "audit"
     first, *others = sorted((out / "rows").glob("audit-*.json"))
@@ -198,6 +200,7 @@ def mixed(scene: Scene, blurs: Path, tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_an_audit_goes_on_whatever_one_row_holds(mixed: Path) -> None:
     given, out = scene_gt(mixed / "000001"), mixed / "audit"
     batch = open_batch(mixed / "000001", out, QUICK, models=mixed / "models", is_audit=True)
@@ -227,6 +230,7 @@ def test_an_audit_goes_on_whatever_one_row_holds(mixed: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_nothing_is_found_about_an_object_that_is_hidden(scene: Scene, blurs: Path) -> None:
     fit = load(blurs, scene.model, scene.truth, QUICK).fit()
     assert audit_numbers(fit)["finding"] == "unexplained"
@@ -235,6 +239,7 @@ def test_nothing_is_found_about_an_object_that_is_hidden(scene: Scene, blurs: Pa
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("kind", "factor"), [("audit", 0.001), ("batch", 0.001), ("batch", 1e3)])
 def test_another_unit_is_asked_about_once_for_all_rows(mixed: Path, capsys, kind, factor) -> None:
     bop = mixed / "000001"
@@ -263,6 +268,7 @@ def test_a_number_that_is_not_finite_is_left_empty_and_named(tmp_path: Path) -> 
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_poses_of_a_batch_are_audited_but_rejected_ones(scene: Scene, tmp_path: Path) -> None:
     table = write_table(scene, tmp_path, 2, f"gone.png,{scene.model},{scene.start}\n")
     results = tmp_path / "results"
@@ -287,6 +293,7 @@ def test_poses_of_a_batch_are_audited_but_rejected_ones(scene: Scene, tmp_path: 
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_poses_of_a_sequence_are_audited(tmp_path: Path) -> None:
     path, out = tmp_path / "sequence.json", tmp_path / "audit"
     save_scene(path, as_saved(sequence(make_three(tmp_path))))

@@ -18,6 +18,7 @@ import pytest
 from poseviewer.batch.job_table import load_jobs
 from poseviewer.batch.result_folder import LOCK, STDS, lock_folder
 from poseviewer.batch.run import open_batch, run_batch
+from poseviewer.cli.terminal import GOES_ON
 from poseviewer.errors import BatchError
 from poseviewer.files import writing
 from poseviewer.files.mesh.load import load_mesh
@@ -41,7 +42,7 @@ LONG = ("--evaluations", 150)
 def one_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Rows are fitted in this process: how they are handed out to others is tested without this."""
     run_here = "poseviewer.batch.run.run_in_processes"
-    monkeypatch.setattr(run_here, lambda function, jobs, _: ((job, function(job)) for job in jobs))
+    monkeypatch.setattr(run_here, lambda function, jobs, *_: ((job, function(job)) for job in jobs))
 
 
 def command(*arguments: object) -> list[str]:
@@ -128,6 +129,7 @@ def test_the_report_stands_alone_and_starts_with_the_worst(scene, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("one_process")
 def test_a_second_run_does_only_what_is_new_or_broken_and_rows_alike_once(scene, tmp_path, capsys):
     table, out = write_table(scene, tmp_path, 6), tmp_path / "out"
@@ -155,6 +157,7 @@ def test_a_second_run_does_only_what_is_new_or_broken_and_rows_alike_once(scene,
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_killed_batch_goes_on_and_a_worker_that_dies_takes_no_row_along(scene, tmp_path):
     table, out = write_table(scene, tmp_path, 8), tmp_path / "out"
     line = command("batch", table, "--out", out, "--processes", 2, "--quiet", *LONG)
@@ -238,7 +241,8 @@ def test_ctrl_c_at_the_beginning_is_said_in_a_line(scene, tmp_path, wait_s: floa
         time.sleep(wait_s)  # somewhere in it: no file says where
         os.killpg(process.pid, signal.SIGINT)
         _, complaints = process.communicate(timeout=60)
-    assert complaints in ("", "poseviewer: stopped; nothing was written.\n")
+    said = [f"poseviewer: stopped; {text}.\n" for text in ("nothing was written", GOES_ON)]
+    assert complaints in ("", *said)
 
 
 @pytest.mark.parametrize(
@@ -310,6 +314,7 @@ def test_a_table_of_a_spreadsheet_is_read(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_row_can_be_a_set_of_photos(tmp_path: Path):
     of_set, model, start = write_views(tmp_path)
     table, out = tmp_path / "jobs.csv", tmp_path / "results"
@@ -325,6 +330,7 @@ def test_a_row_can_be_a_set_of_photos(tmp_path: Path):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_network_proposes_rectangles_to_rows_without_a_start(
     scene: Scene, tmp_path: Path, capsys
 ):

@@ -53,6 +53,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 
 @needs_dask
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_killed_worker_loses_nothing_and_nothing_is_done_twice(scene, tmp_path, cluster):
     table, out = write_table(scene, tmp_path, 6), tmp_path / "out"
     line = command("batch", table, "--out", out, "--scheduler", cluster.address, "--quiet", *LONG)
@@ -75,6 +76,7 @@ def test_a_killed_worker_loses_nothing_and_nothing_is_done_twice(scene, tmp_path
 
 @needs_dask
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_study_on_a_cluster_ends_as_on_one_machine(scene, tmp_path, cluster, monkeypatch):
     monkeypatch.chdir(write_real_folder(scene))  # paths of the command line are relative to it
     line, ends = "study --real . --degrees 5 --evaluations 60 --quiet --out", []
@@ -87,6 +89,7 @@ def test_a_study_on_a_cluster_ends_as_on_one_machine(scene, tmp_path, cluster, m
 
 @needs_dask
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_scheduler_that_goes_away_is_said(scene, tmp_path, cluster, capsys):
     table, out = write_table(scene, tmp_path, 4), tmp_path / "out"
 

@@ -1,15 +1,18 @@
 """Every command, with its configurations: what it prints and writes, or refuses in one line."""
 
+import json
 import subprocess
 import sys
 from argparse import ArgumentTypeError
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from poseviewer.cli import main as cli
 from poseviewer.cli.options import READERS, RECTANGLE
 from tests.commands import refusal, run
+from tests.videos import pictures, turn_video, widen_pixels, write_jpegs, write_video
 
 FIT = "fit p.png m.ply --pose start.json --out o.json"
 SET = "--views set/set.json set/m.ply --pose set/start.json"
@@ -44,6 +47,26 @@ def test_a_command_says_and_writes_its_results(folder, capsys, line, words, writ
     assert all((folder / name).stat().st_size > 500 for name in written.split())
 
 
+def test_landscape_maps_the_loss_that_is_named(folder):
+    largest = {}
+    for loss in ("default", "paper"):
+        line = f"landscape p.png m.ply --pose true.json --out {loss} {MAPS} --loss {loss}"
+        assert run(line) == 0
+        with np.load(folder / loss / "landscape.npz") as maps:
+            largest[loss] = float(np.max(maps["losses"]))
+    assert largest["paper"] <= 1.0 < largest["default"]  # min(n, m) is 1 of grey
+
+
+def test_fit_says_once_that_an_object_is_not_placed(folder, capsys):
+    scene = json.loads((folder / "three.scene.json").read_text())
+    scene["objects"][0]["placed"] = False
+    (folder / "unplaced.scene.json").write_text(json.dumps(scene))
+    assert run("fit unplaced.scene.json --out o.json --evaluations 5") == 0
+    said = capsys.readouterr()
+    assert "is not placed: no search moves it" in said.err + said.out
+    assert "stands wholly behind others" not in said.out
+
+
 @pytest.mark.parametrize(
     ("line", "words"),
     [
@@ -65,6 +88,10 @@ def test_a_command_says_and_writes_its_results(folder, capsys, line, words, writ
         (f"{FIT} --object ball", "--object without a scene"),
         ("fit p.png m.ply --pose start.json --out set", "is a folder"),
         ("fit none.json --out o.json", "none.json: no such file"),
+        ("overlay start.json --out o.png", "name them: PHOTO MODEL --pose start.json"),
+        ("fit p.png m.ply --pose none.csv --out o.json", "a table or a text"),
+        ("info p.png --calibration none.xmp", "external parameters as CSV"),
+        ("track f_%04d.png m.ply --pose start.json --out o", "name the folder of the images"),
         ("fit --pose three.scene.json --out o.json", "PHOTO and MODEL are wanted"),
         ("fit three.scene.json --pose p.json --out o.json", f"--pose {WITH_SCENE}"),
         ("fit three.scene.json --mask m.png --out o.json", f"--mask {WITH_SCENE}"),
@@ -169,3 +196,23 @@ def test_nothing_is_imported_that_can_wait(code: str, heavy: set[str]):
     command = [sys.executable, "-c", f"{code}; import sys; print(*sys.modules)"]
     ended = subprocess.run(command, check=True, capture_output=True, text=True)
     assert not heavy & set(ended.stdout.split())
+
+
+def test_info_says_what_a_video_is(tmp_path, capsys):
+    clip = write_video(tmp_path / "clip.mp4", 20)
+    turn_video(clip)
+    widen_pixels(clip, 4, 3)
+    assert run("info", clip) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "video:       clip.mp4",
+        "size:        48 x 85 px, of 48 x 64 px that are not square",
+        "frames:      20 in the file, 25 a second",
+        "length:      0.8 s",
+        "turned:      by 90 degrees clockwise, which the size says already",
+        "codec:       FMP4",
+    ]
+    recorded = write_jpegs(tmp_path / "clip.webm", pictures(3), [0, 244, 960])
+    assert run("info", recorded) == 0
+    assert "frames:      3 in the file, 2.083 a second" in capsys.readouterr().out
+    clip.write_bytes(b"no video")
+    assert "clip.mp4: not a video that can be read" in refusal(capsys, "info", clip)

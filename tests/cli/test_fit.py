@@ -57,6 +57,7 @@ def off(scene, index: int) -> float:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_all_objects_of_a_scene_are_found(folder, capsys):
     assert run("fit three.scene.json --out out.json --quiet --overlay o.png") == 0
     printed = capsys.readouterr().out
@@ -70,6 +71,7 @@ def test_all_objects_of_a_scene_are_found(folder, capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_set_is_fitted_and_its_file_says_the_pose_in_the_set(folder, capsys):
     line = "fit --views set/set.json set/m.ply --pose set/start.json --out out.json --overlay o.png"
     assert run(line, "--lock", "rotation_z", "--quiet") == 0

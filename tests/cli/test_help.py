@@ -77,7 +77,9 @@ def test_defaults_are_those_of_parser_and_settings(command: str):
             told = between.join(f"{v:g}" if isinstance(v, float) else str(v) for v in values)
             assert f"(default: {told}" in text, text
             checked += 1
-    assert checked or command in {"bench", "demo", "info", "render", "track", "undistort"}
+    assert checked or command in {
+        "bench", "demo", "info", "paint", "render", "track", "undistort",
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("command", cli.COMMANDS)

@@ -66,6 +66,7 @@ def write_data_set(folder: Path, scene: Scene, is_second_turned: bool = False) -
     if is_second_turned:
         turn = RigidTransform.from_rotation_vector([2.0, 1.0, 0.0], [0.0, 0.0, 0.0])
         start[0] = " ".join(map(str, (own @ turn).rotation.ravel()))
+        start[1] = " ".join(map(str, np.add(own.translation, [2.5, 0.0, 0.0])))
         rows.append(f"2,3,2,0.9,{','.join(start)},-1")
     return write(folder / "estimates/some.csv", "\n".join([",".join(RESULTS), *rows, ""]))
 
@@ -75,6 +76,7 @@ def cells(line: str) -> list[str]:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("is_second_turned", [False, True])
 def test_estimates_are_fitted_scored_and_kept_if_the_fit_is_not_sure(
     scene, tmp_path, is_second_turned

@@ -27,6 +27,7 @@ def folder(tmp_path, monkeypatch) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("folder")
 def test_every_start_is_fitted_and_both_methods_share_a_table(capsys):
     assert run(f"{STUDY} --draws 1 --evaluations 2000") == 0
@@ -95,8 +96,9 @@ def test_what_cannot_work_is_said_in_a_line(folder, capsys, damaged, content, mo
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_trial_among_others_is_a_search_of_their_scene(folder):
-    plan = Plan(out=folder, degrees=(5,), draws=1, cases="*-a", limits=Limits(evaluations=900))
+    plan = Plan(out=folder, degrees=(5,), draws=1, cases="*-a", limits=Limits(evaluations=300))
     (task,) = real_tasks(replace(plan, among_others=True), folder)
     assert [one.name for one in task.others] == ["ball-b"]
     scene, renderer = task.open()

@@ -30,6 +30,7 @@ def study(model, tmp_path_factory):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_there_is_a_row_for_every_trial_and_a_report(study):
     rows = read_rows(study / "trials.csv")
     by_method = [(row["method"], row["pixels"]) for row in rows]
@@ -70,6 +71,7 @@ def test_a_study_that_was_cut_off_goes_on_also_in_processes(model, study, tmp_pa
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_real_backgrounds_and_photos_of_cars(tmp_path):
     require_opengl()
     line = "study --kinds background,photo-parallel,photo-perspective --starts 1 --deviations 4"

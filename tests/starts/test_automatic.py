@@ -11,7 +11,6 @@ from poseviewer.cli import main as cli
 from poseviewer.confidence.verdict import SURE_FROM
 from poseviewer.errors import QuickStartError
 from poseviewer.evaluation.cases import Case
-from poseviewer.files.demo import demo_case
 from poseviewer.files.mesh.load import load_mesh
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
@@ -69,6 +68,7 @@ def test_the_right_pose_is_among_five_that_differ(scene: Scene):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_fit_and_library_go_on_from_the_best(scene: Scene, tmp_path: Path, capsys):
     box, out = box_about(scene), tmp_path / "out.json"
     code = cli.main(
@@ -84,6 +84,7 @@ def test_fit_and_library_go_on_from_the_best(scene: Scene, tmp_path: Path, capsy
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_fit_from_a_start_that_is_far_off_ends_right(scene: Scene, monkeypatch):
     """From 100 degrees off it ends at a wrong pose, which is not sure; others are tried then."""
     truth, mesh = load_pose(scene.truth, *SIZE).pose, load_mesh(scene.model)
@@ -106,14 +107,6 @@ def test_what_is_like_the_object_elsewhere_is_not_proposed(scene: Scene):
     box = outline_box(moved, corners)
     for pose in propose_about(loaded.scene.with_pose(0, moved), 0, 0):
         assert outline_box(pose, corners).overlap(box) > MIN_OVERLAP
-
-
-@pytest.mark.slow
-def test_a_car_that_shows_two_wheels_is_found_anywhere():
-    case = demo_case()
-    end = api.load(case.photo, case.model, "auto").fit()
-    truth = load_pose(case.truth, end.pose.camera.width, end.pose.camera.height).pose
-    assert pose_error(end.object.mesh, end.pose, truth).percent < 1.0
 
 
 @pytest.mark.parametrize("box", [(0, 0, 4, 4), (150, 10, 40, 7), (400, 10, 50, 50)])

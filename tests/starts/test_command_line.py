@@ -81,8 +81,8 @@ def test_wheels_laid_by_eye_place_the_demo():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("is_guess", [False, True], ids=["known", "guessed"])
-@pytest.mark.parametrize("projection", ["perspective", "parallel"])
+@pytest.mark.long
+@pytest.mark.parametrize(("projection", "is_guess"), [("perspective", True), ("parallel", False)])
 def test_wheels_in_a_careless_rectangle_place_the_demo(projection: str, is_guess: bool):
     case = demo_case(projection)
     inputs = opened(case.photo, case.model)

@@ -30,6 +30,7 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_two_of_three_boxes_are_found_in_one_scene(two: Path, capsys):
     out = two / "carton.scene.json"
     files = two / "two.png", two / "carton.ply", "--start", "auto"
@@ -54,6 +55,7 @@ def test_where_one_is_placed_no_other_is_proposed(two: Path):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_row_of_a_batch_needs_no_box(two: Path):
     (two / "jobs.csv").write_text("photo,model,start\ntwo.png,carton.ply,auto\n")
     assert run("batch", two / "jobs.csv", "--out", two / "results", "--evaluations", 60) == 0
