@@ -46,8 +46,9 @@ def files() -> list[tuple[str, ...]]:
             "sparse, normalised and quantised accessors, texture coordinates, alpha masks, skins "
             f"at rest, morph weights, strips and fans; {_codes(UNDERSTOOD)}; without need: "
             f"{_codes(f'{name}...' for name in HARMLESS)}",
-            "unknown extensions; lines, points; what is invisible by its alpha, hidden or in no "
-            "scene; triangles cut out in part; textures that are clamped or mirrored",
+            "unknown extensions; animations and morphs; lines, points; what is invisible by its "
+            "alpha, hidden or in no scene; triangles cut out in part; textures that are clamped or "
+            "mirrored",
             "any other extension in `extensionsRequired`, as " + _codes(SPARED),
         ),
         (
