@@ -68,6 +68,8 @@ TEXTS = {
 USUAL = "0.1234567"
 OFTEN = "X (unit)", "fx (px)", "Note"
 """Fields that are typed into beside each work."""
+HELD_MS = 60
+"""A little more than viser holds a value."""
 NOT_IN_HISTORY = "Opacity", "Range ± %"
 FASTEST_MS, SLOWEST_MS = 40, 150
 """Between two keys: all speeds in fields of ``OFTEN``, the fastest in the others."""
@@ -236,6 +238,22 @@ def test_what_is_no_number_and_what_is_taken_back_leave_the_old_one(page: Typist
     page.tab.wait_for_text("wanted focal lengths")
     page.tab.until(lambda: page.field("fx (px)").input_value() == "300")
     assert page.session.document is page.begun
+
+
+def test_what_is_taken_back_soon_after_a_field_was_left_stays_in_the_page(page: Typist) -> None:
+    """The page holds it back longer than viser does, also where it was left just before."""
+    page.tab.open_step(2)
+    page.begin("rest")
+    field = page.field("fx (px)")
+    for pause_ms in 3 * (0, 10, 20, 30, 40, 50, 60):
+        field.focus()
+        page.press("Tab")
+        page.tab.page.wait_for_timeout(pause_ms)
+        page.type(field, "12", 10)
+        page.press("Escape")
+        page.tab.until(lambda: field.input_value() == "300")
+        page.tab.page.wait_for_timeout(HELD_MS)
+        assert page.session.document is page.begun, pause_ms
 
 
 @pytest.mark.long

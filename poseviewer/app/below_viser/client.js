@@ -26,6 +26,7 @@ const state = {
   centre: [0.5, 0.5], // the photo's point, in shares of its size, in the middle of the view
   size: [0, 0],
   large: -1, // index of the large photo in the strip
+  pressed: null, // element that the mouse has just let go
   pointer: null, // "drag", "draw" or "pan" while a button is down
   target: 0, // timer that ends showing the page as a drop target
   turn: null, // press on what a drag turns: {message, box, at, kind, moved}
@@ -65,7 +66,7 @@ const field = {
   timer: 0, // that applies a text
   isLost: false, // it went while it had the focus: its keys still come, and are nobody's
 };
-const typed = new Set(); // uuids of fields that are, or just were, typed into
+const typed = new Map(); // uuids of fields that are, or just were, typed into: timer of its end
 const unsent = {}; // values by uuid that were applied without a connection
 
 const [queue, sendNow] = [vm().messageQueue, vm().sendMessage];
@@ -113,7 +114,7 @@ function leaveField(isTakenBack) {
   const isWrong = node.value !== applied;
   const value = field.told ?? (isWrong ? Number(applied) : undefined);
   Object.assign(field, { node: null, uuid: "", wrong: "" });
-  setTimeout(() => { if (field.uuid !== uuid) typed.delete(uuid); }, LATE_MS);
+  if (typed.has(uuid)) typed.set(uuid, setTimeout(() => typed.delete(uuid), LATE_MS));
   if (isWrong) show(uuid, ""); // else what viser has might not change
   if (value !== undefined) queueMicrotask(() => show(uuid, value));
 }
@@ -129,7 +130,8 @@ addEventListener("focusin", (event) => {
   if (!node || node === field.node) return;
   const uuid = uuidOf(node);
   Object.assign(field, { node, uuid, applied: node.value, told: undefined, isTyped: false });
-  typed[node.matches(TYPED) ? "add" : "delete"](uuid);
+  clearTimeout(typed.get(uuid));
+  if (node.matches(TYPED)) typed.set(uuid, 0);
 });
 addEventListener("focusout", () => {
   const { node } = field;
@@ -422,15 +424,15 @@ const isTyping = ({ target }) => target.matches?.("textarea, select, [contentedi
 
 // The keys of what has the focus, beside those of a field that has just gone.
 const MOVES = ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "Home", "End", "PageUp", "PageDown"];
-function isTaken(event) {
-  const { target, key } = event;
+function isTaken({ key }) {
+  const target = document.activeElement ?? document.body; // the event's may just have been left
   if (field.node && target === document.body) { // it is hidden, of which browsers do not tell
     leaveField();
     field.isLost = true;
   }
   const takers = [" ", "Enter"].includes(key) ? "button, a, input, [role=tab], [data-report]" :
     MOVES.includes(key) ? "[role=slider], [role=tab]" : "";
-  return isTyping(event) || (field.isLost && target === document.body) ||
+  return isTyping({ target }) || (field.isLost && target === document.body) ||
     (takers && target.matches?.(takers));
 }
 
@@ -447,6 +449,7 @@ function dialogTakes(event) {
 }
 
 addEventListener("keydown", (event) => {
+  leavePressed();
   noteModifiers(event);
   // Else the browser's menu gets the keys.
   if (event.key === "Alt" && pen.shape) event.preventDefault();
@@ -483,11 +486,16 @@ addEventListener("keyup", noteModifiers, true);
 addEventListener("blur", noteModifiers);
 // The mouse leaves the keys to the photo but where it is typed; so do the buttons that step a field
 // and the options of a dropdown.
-addEventListener("pointerup", (event) => setTimeout(() => {
+addEventListener("pointerup", ({ target }) => {
+  state.pressed = target;
+  setTimeout(leavePressed, 0); // after what the press does
+});
+function leavePressed() {
   const target = document.activeElement;
-  const isPressed = event.target.closest?.("button, [role=option]");
-  if (target && (isPressed || !isTyping({ target }))) target.blur();
-}, 0));
+  const isPressed = state.pressed?.closest?.("button, [role=option]");
+  if (state.pressed && target && (isPressed || !isTyping({ target }))) target.blur();
+  state.pressed = null;
+}
 
 function noteModifiers(event) {
   bar.dataset.held = ctrl(event) ? "ctrl" : event.shiftKey ? "shift" : "plain";
