@@ -31,7 +31,7 @@ from poseviewer.figures.map_archive import LossMaps
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.formats.gltf_export import save_painting
 from poseviewer.files.image_sequence import load_sequence
-from poseviewer.files.masks import save_pose_and_masks
+from poseviewer.files.masks import MaskFile, save_pose_and_masks
 from poseviewer.files.photo import save_image
 from poseviewer.files.pose import PoseRecord
 from poseviewer.files.scene_json import as_saved, pose_json, save_scene
@@ -78,7 +78,7 @@ def load(
     *,
     choice: SetChoice | None = None,
     calibration: Calibration | str | Path | None = None,
-    mask: str | Path | Mask | None = None,
+    mask: str | Path | MaskFile | Mask | None = None,
     renderer: Renderer | None = None,
     **changes: Any,
 ) -> Registration:
@@ -97,8 +97,9 @@ def load(
         choice: photos of a set to use, the one that the start is a pose in, and the set's scale.
         calibration: camera and lens of the photo: a file, or a choice among the cameras of one
             (``files.cameras.Calibration``); a distorted photo is undistorted.
-        mask: picture of the photo's size whose white pixels count; or ``Mask.of(weights)``, of
-            weights (height, width) from 0, hidden, to 1; default: that of the pose file.
+        mask: picture of the photo's size whose white pixels count; an annotation (COCO, Labelme),
+            with its object's label as ``files.masks.MaskFile``; or ``Mask.of(weights)``, of weights
+            (height, width) from 0, hidden, to 1; default: that of the pose file.
         renderer: renderer of the same model, to be used again; default: a new one.
         **changes: fields of the settings by name (``grey=True``, ``pixels="clip"``).
 
@@ -112,7 +113,7 @@ def load(
     start = AutoStart() if start == AUTOMATIC else start
     if isinstance(calibration, str | Path):
         calibration = Calibration(Path(calibration))
-    mask = Path(mask) if isinstance(mask, str) else mask
+    mask = MaskFile(Path(mask)) if isinstance(mask, str | Path) else mask
     more = {"choice": choice, "calibration": calibration, "mask": mask, "settings": settings}
     sources = name_sources(photo, model, start, **more)
     if sources.scene is None and (model is None or start is None):

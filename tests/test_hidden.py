@@ -21,6 +21,7 @@ from poseviewer.scene.types import SceneObject, SearchResult
 from tests.commands import run
 from tests.scene import Scene
 from tests.several import save_halves
+from tests.writing import write
 
 QUICK = FitSettings(limits=Limits(60))
 HALF_HIDDEN = Mask.of(np.broadcast_to(np.arange(160) >= 70, (120, 160)))
@@ -93,6 +94,20 @@ def test_a_mask_hides_unless_the_command_line_says_that_nothing_does(scene, mask
     assert record.settings is not None
     assert record.settings["in_front"] == "nothing"
     assert record.mask == "out.mask.png"  # what the user painted is kept
+
+
+def test_the_command_line_chooses_an_object_of_an_annotation(scene, tmp_path, capsys):
+    corners = [[30, 20], [130, 20], [130, 100]]
+    shapes = [{"label": name, "points": corners} for name in ("car", "van")]
+    content = {"shapes": shapes, "imageWidth": 160, "imageHeight": 120}
+    mask, out = write(tmp_path / "mask.json", content), tmp_path / "out.pose.json"
+    line = ("fit", scene.photo, scene.model, "--pose", scene.start, "--out", out, "--quiet")
+    assert run(*line, "--mask", mask) == 2
+    assert "(car, van); wanted one, name it by --mask-label" in capsys.readouterr().err
+    assert run(*line, "--mask-label", "van") == 2
+    assert "--mask-label without --mask" in capsys.readouterr().err
+    assert run(*line, "--evaluations", 60, "--mask", mask, "--mask-label", "van") == 0
+    assert load_pose(out, 160, 120).mask == "out.mask.png"
 
 
 def test_parts_of_a_scene_s_objects_are_left_out_by_the_object_s_id(scene, halves, tmp_path):

@@ -15,6 +15,7 @@ from poseviewer.cli.main import COMMANDS
 from poseviewer.cli.options import each, in_options
 from poseviewer.files.cameras import Calibration
 from poseviewer.files.formats.conversion import ConvertOptions
+from poseviewer.files.masks import MaskFile
 from poseviewer.fit.progress import Status
 from poseviewer.opening.photo_sets import SetChoice
 from poseviewer.opening.sources import Sources
@@ -53,7 +54,7 @@ def test_no_sentence_outside_of_the_command_line_names_an_option():
 def test_each_setting_in_a_sentence_has_a_word_in_the_library_on_the_line_and_on_the_page():
     named = settings_named()
     assert len(named) > 20
-    of = (FitSettings, Limits, ConvertOptions, Calibration, SetChoice, Sources)
+    of = (FitSettings, Limits, ConvertOptions, Calibration, MaskFile, SetChoice, Sources)
     in_library = {field.name for one in of for field in fields(one)}
     on_line = {option.name for own in OPTIONS.values() for group in own.values()
                for option in each(group) if option.flag.startswith("--")}  # fmt: skip

@@ -21,6 +21,7 @@ from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.confidence.verdict import percent_right
 from poseviewer.errors import BatchError, PoseViewerError
 from poseviewer.files.checks import InputFile, is_there
+from poseviewer.files.masks import MaskFile
 from poseviewer.files.writing import lock_file, write_json, write_whole
 from poseviewer.scene.settings import FitSettings, settings_as_json, settings_from_json
 
@@ -149,7 +150,7 @@ class Batch:
     settings: FitSettings = field(default_factory=FitSettings)
     scene: str | None = None
     """Folder of the BOP scene of the rows, absolute; None: they are of a table."""
-    mask: Path | None = None
+    mask: MaskFile | None = None
     """Mask of every photo; not in ``batch.json``."""
     is_audit: bool = False
     """Whether the starts are given poses, to be compared with those found."""

@@ -27,6 +27,7 @@ from poseviewer.batch.result_folder import (
 from poseviewer.batch.run_row import run_row
 from poseviewer.cluster import run_on_cluster
 from poseviewer.errors import BatchError
+from poseviewer.files.masks import MaskFile
 from poseviewer.files.writing import make_folder, require_replaceable
 from poseviewer.opening.sources import is_scene_file
 from poseviewer.processes import run_in_processes
@@ -43,7 +44,7 @@ def open_batch(
     table: str | Path,
     folder: str | Path,
     settings: FitSettings,
-    mask: Path | None = None,
+    mask: MaskFile | None = None,
     models: Path | None = None,
     objects: Sequence[int] = (),
     is_audit: bool = False,
@@ -99,7 +100,8 @@ def open_batch(
     for name in (TABLE, REPORT, MANIFEST, *([table.name] if is_sequence else [])):
         require_replaceable(folder / name, BatchError)
     sequence = str(table.resolve()) if is_sequence else None
-    given = scene, mask and mask.resolve(), is_audit, sequence, features and features.resolve()
+    mask = mask and replace(mask, path=mask.path.resolve())
+    given = scene, mask, is_audit, sequence, features and features.resolve()
     batch = Batch(folder, jobs, settings, *given)
     for name in (ROWS, POSES, PICTURES):
         make_folder(folder / name, BatchError)

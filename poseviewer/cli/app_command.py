@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from poseviewer.cli import options as table
-from poseviewer.cli.case import SAYS, calibration_of, load_named_sequence, name_files
+from poseviewer.cli.case import SAYS, calibration_of, load_named_sequence, mask_of, name_files
 from poseviewer.cli.terminal import say
 from poseviewer.errors import SettingsError
 from poseviewer.losses.default_loss import DEFAULT
@@ -29,6 +29,7 @@ OPTIONS = {
         table.POSE,
         *table.METHODS,
         table.MASK,
+        table.MASK_LABEL,
         table.WITHOUT,
         table.APP_RENDERER,
         table.FEATURES,
@@ -64,7 +65,7 @@ def _named_files(options: Namespace) -> Sources:
         return replace(files, models=models, start=options.pose or files.start, unused=())
     files = name_files(options)
     if path is None:
-        of_photo = (table.POSE, table.MASK, table.WITHOUT, table.CALIBRATION)
+        of_photo = (table.POSE, table.MASK, table.MASK_LABEL, table.WITHOUT, table.CALIBRATION)
         table.refuse(options, of_photo, "without PHOTO and MODEL; name all three")
         case = demo_case()
         return Sources(case.photo, model=case.model, start=case.start)
@@ -81,7 +82,7 @@ def _sources(options: Namespace) -> Sources:
     if files.scene is None and not ((files.model or files.models) and shown):
         what = "model" if shown else "photo"
         raise SettingsError(f"{options.photo}: no {what} was found; name PHOTO and MODEL")
-    more = {"calibration": calibration or files.calibration, "mask": options.mask}
+    more = {"calibration": calibration or files.calibration, "mask": mask_of(options)}
     if files.views is not None:
         more["choice"] = table.make(SetChoice, options)
     else:

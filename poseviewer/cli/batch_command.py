@@ -11,7 +11,7 @@ from contextlib import closing
 from typing import TYPE_CHECKING
 
 from poseviewer.cli import options as table
-from poseviewer.cli.case import make_settings
+from poseviewer.cli.case import make_settings, mask_of
 from poseviewer.cli.terminal import GOES_ON, progress_bar, say, take_all, tell
 from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE
 
@@ -59,7 +59,7 @@ def run_rows(options: Namespace, is_audit: bool = False) -> int:
     )
     from poseviewer.batch.run import open_batch, run_batch, save_summaries
 
-    named = options.jobs, options.out, make_settings(options), options.mask
+    named = options.jobs, options.out, make_settings(options), mask_of(options)
     features = getattr(options, "features", None)
     batch = open_batch(*named, options.models, options.objects or (), is_audit, features)
     to_do, count = batch.to_do(), len(batch.jobs)

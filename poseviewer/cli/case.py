@@ -19,6 +19,7 @@ if TYPE_CHECKING:  # help texts come before all that
     from poseviewer.api import Registration
     from poseviewer.files.cameras import Calibration
     from poseviewer.files.image_sequence import ImageSequence
+    from poseviewer.files.masks import MaskFile
     from poseviewer.opening.sources import Sources
     from poseviewer.starts.instances import AutoStart
     from poseviewer.starts.start import FindStart
@@ -49,6 +50,16 @@ def make_settings(options: Namespace) -> FitSettings:
         without=tuple(options.without) if options.without else None,
         limits=table.make(Limits, options),
     )
+
+
+def mask_of(options: Namespace) -> MaskFile | None:
+    """Return the mask that the options name; None without one."""
+    if options.mask is None:
+        table.refuse(options, (table.MASK_LABEL,), "without --mask; name its file")
+        return None
+    from poseviewer.files.masks import MaskFile
+
+    return MaskFile(options.mask, options.label or "")
 
 
 def calibration_of(options: Namespace) -> Calibration | None:
@@ -125,7 +136,7 @@ def load_named(options: Namespace) -> Registration:
         number, features = given.get("instances") or 1, given.get("features")
         auto = AutoStart(given.get("box"), number, camera, bar.update, features)
         start = None if files.scene else _start_of(options, auto)
-        more = {"calibration": calibration_of(options), "mask": options.mask}
+        more = {"calibration": calibration_of(options), "mask": mask_of(options)}
         sources = replace(files, start=start, settings=settings, **more)
         registration = make_registration(open_scene(sources))
     if files.scene is not None and given.get("object"):

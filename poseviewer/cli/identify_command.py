@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from poseviewer.cli import options as table
-from poseviewer.cli.case import make_settings
+from poseviewer.cli.case import make_settings, mask_of
 from poseviewer.cli.terminal import progress_bar, say, tell
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def run(options: Namespace) -> int:
     from poseviewer.opening.sources import Sources
 
     settings = make_settings(options)
-    files = Sources(options.photo, start=options.start, mask=options.mask, settings=settings)
+    files = Sources(options.photo, start=options.start, mask=mask_of(options), settings=settings)
     opened = [open_scene(replace(files, model=model)) for model in options.models]
     if not options.quiet:
         for warning in dict.fromkeys(note for scene in opened for note in scene.notes):

@@ -178,7 +178,12 @@ REFLECTANCE = option(
     "--colour-reflectance", "use the model's RGB reflectance: 12 attributes, not 4"
 )
 MASK = option(
-    "--mask MASK.png", "count white pixels, not black ones (default: the pose file's mask)"
+    "--mask MASK.png",
+    "count white pixels, not black ones, or an object of COCO's or Labelme's file "
+    "(default: the pose file's mask)",
+)
+MASK_LABEL = option(
+    "--mask-label NAME", "choose this object of --mask (default: the only one)", dest="label"
 )
 IN_FRONT = option(
     "--in-front",
@@ -204,6 +209,7 @@ COMPARED = (
     PIXELS,
     option(f"--region {RECTANGLE}", "compare no pixel outside, in px (default: by --pixels)"),
     MASK,
+    MASK_LABEL,
     IN_FRONT,
     WITHOUT,
     option("--renderer", "choose the renderer; gpu is experimental (default: auto, the software)"),
@@ -284,7 +290,7 @@ STARTS = (
     option("--start", "find it in --box, --region or the full image (default: none)", ("auto",)),
 )
 """Options that give the start pose."""
-OF_A_PHOTO = (MASK, CALIBRATION, BOX, INSTANCES, FOCAL)
+OF_A_PHOTO = (MASK, MASK_LABEL, CALIBRATION, BOX, INSTANCES, FOCAL)
 """Options refused with a set of photos or a scene, whose files have these values."""
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from poseviewer.cli import options as table
-from poseviewer.cli.case import calibration_of, load_named_sequence
+from poseviewer.cli.case import calibration_of, load_named_sequence, mask_of
 from poseviewer.cli.terminal import GOES_ON, progress_bar, say, take_all, tell, tell_of_compiling
 from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE, SettingsError
 
@@ -26,6 +26,7 @@ KEY = table.option(
 )
 MASKS = (
     table.MASK,
+    table.MASK_LABEL,
     table.option("--mask-all-frames", "apply the mask to all frames (default: to the key's alone)"),
 )
 OPTIONS = {
@@ -140,6 +141,6 @@ def _open(options: Namespace) -> Scene:
                 raise SettingsError(f"frame {twice[0] + 1} has two poses by --key; leave one out")
             keys |= own
     how = {"calibration": calibration_of(options), "key": first, "keys": keys}
-    how |= {"mask": options.mask, "mask_all_frames": options.mask_all_frames}
+    how |= {"mask": mask_of(options), "mask_all_frames": options.mask_all_frames}
     sources = Sources(frames=frames, model=options.model, start=options.pose, **how)
     return open_scene(sources)

@@ -22,22 +22,27 @@ MAX_SHIFT = 60
 """Bits of a run length, of which the largest photo has 27."""
 
 
-def annotated_pixels(file: InputFile, photo: str) -> NDArray[np.float32]:
+def annotated_pixels(file: InputFile, photo: str, label: str = "") -> NDArray[np.float32]:
     """Return 1 in the pixels (height, width) of the only object that a file marks in a photo.
+
+    Args:
+        file: the file.
+        photo: name of the photo, without which the file is of one photo.
+        label: that of the object (a category's name); "": the file marks only one.
 
     Raises:
         PoseViewerError: it marks none, or several, or is of neither tool.
     """
     data = file.load_object()
     if isinstance(data.get("annotations"), list):
-        return _of_coco(file, data, photo)
+        return _of_coco(file, data, photo, label)
     if isinstance(data.get("shapes"), list):
-        return _of_labelme(file, data)
+        return _of_labelme(file, data, label)
     wanted = "wanted COCO's annotations, Labelme's shapes, or a picture, white where pixels count"
     raise file.error("no mask in it", wanted)
 
 
-def _of_coco(file: InputFile, data: dict[str, Any], photo: str) -> NDArray[np.float32]:
+def _of_coco(file: InputFile, data: dict[str, Any], photo: str, label: str) -> NDArray[np.float32]:
     images = file.decode(data.get("images", []), list[dict[str, Any]], "images")
     named = [one for one in images if str(one.get("file_name")).rpartition("/")[2] == photo]
     image = (named or images)[0] if len(named or images) == 1 else None
@@ -46,7 +51,10 @@ def _of_coco(file: InputFile, data: dict[str, Any], photo: str) -> NDArray[np.fl
         raise file.error(found, "wanted one, name it as the photo")
     entries = file.decode(data["annotations"], list[dict[str, Any]], "annotations")
     own = [one for one in entries if one.get("image_id") == image.get("id")]
-    (only,) = _only_one(file, own, [str(one.get("category_id")) for one in own])
+    kinds = file.decode(data.get("categories", []), list[dict[str, Any]], "categories")
+    names = {str(kind.get("id")): kind.get("name") for kind in kinds}
+    ids = [str(one.get("category_id")) for one in own]
+    (only,) = _only_one(file, own, [str(names.get(own, own)) for own in ids], label)
     size = _size(file, image.get("width"), image.get("height"))
     said = only.get("segmentation")
     if isinstance(said, dict):
@@ -54,12 +62,12 @@ def _of_coco(file: InputFile, data: dict[str, Any], photo: str) -> NDArray[np.fl
     return _filled(file, said, size)
 
 
-def _of_labelme(file: InputFile, data: dict[str, Any]) -> NDArray[np.float32]:
+def _of_labelme(file: InputFile, data: dict[str, Any], label: str) -> NDArray[np.float32]:
     shapes = file.decode(data["shapes"], list[dict[str, Any]], "shapes")
     labels = [str(one.get("label")) for one in shapes]
     size = _size(file, data.get("imageWidth"), data.get("imageHeight"))
     outlines = []
-    for shape in _only_one(file, shapes, labels, may_have_parts=True):
+    for shape in _only_one(file, shapes, labels, label, may_have_parts=True):
         kind = shape.get("shape_type", "polygon")
         corners = np.array(file.decode(shape.get("points"), list[Two], "points"))
         if kind == "rectangle" and len(corners) == 2:
@@ -72,15 +80,23 @@ def _of_labelme(file: InputFile, data: dict[str, Any]) -> NDArray[np.float32]:
 
 
 def _only_one(
-    file: InputFile, entries: list[dict[str, Any]], labels: list[str], may_have_parts: bool = False
+    file: InputFile,
+    entries: list[dict[str, Any]],
+    labels: list[str],
+    label: str,
+    may_have_parts: bool = False,
 ) -> list[dict[str, Any]]:
-    count = len(set(labels)) if may_have_parts else len(entries)
+    named = [(one, own) for one, own in zip(entries, labels, strict=True) if label in ("", own)]
+    kinds = sorted(set(labels))
+    count = len({own for _, own in named}) if may_have_parts else len(named)
     if count != 1:
-        found = f"it marks {count} objects in the photo" + (
-            f" ({list_names(labels)})" * (count > 1)
+        called = f" called {label!r}" if label else ""
+        found = f"it marks {count} objects{called} in the photo" + (
+            f" ({list_names(kinds)})" * bool(kinds)
         )
-        raise file.error(found, "wanted one, leave the others out of a copy of the file")
-    return entries
+        name = "name it by `MaskFile.label`" if len(kinds) > 1 else "leave the others out of a copy"
+        raise file.error(found, f"wanted one, {name}")
+    return [one for one, _ in named]
 
 
 def _size(file: InputFile, width: Any, height: Any) -> tuple[int, int]:

@@ -1,6 +1,7 @@
 """Masks as pictures: white counts, black is occluded."""
 
 from base64 import b64decode, b64encode
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -24,15 +25,27 @@ INLINE = "data:image/png;base64,"
 """Start of a mask that stands in a scene's file itself."""
 
 
-def load_mask(path: str | Path, size: tuple[int, int] | None = None, photo: str = "") -> Mask:
+@dataclass(frozen=True, slots=True)
+class MaskFile:
+    """A file of a mask, and what the user says of it."""
+
+    path: Path
+    label: str = ""
+    """Label of the object in an annotation of several; "": of the only one."""
+
+
+def load_mask(
+    named: str | Path | MaskFile, size: tuple[int, int] | None = None, photo: str = ""
+) -> Mask:
     """Load a mask: a picture, its transparency where that varies; an array; an annotation; or a
     text of ``mask_text``.
 
     Args:
-        path: the file, or the text.
+        named: the file, or the text.
         size: width and height that it has to have, px.
         photo: name of the photo, which an annotation may be of.
     """
+    path, label = (named.path, named.label) if isinstance(named, MaskFile) else (named, "")
     is_inline = str(path).startswith(INLINE)
     file = InputFile(Path("a mask" if is_inline else path), [], PhotoFileError, "mask")
     if is_inline:
@@ -41,7 +54,10 @@ def load_mask(path: str | Path, size: tuple[int, int] | None = None, photo: str 
             pixels = np.asarray(Image.open(BytesIO(data), formats=("PNG",)))
             weights = pixels * np.float32(1.0 / np.iinfo(pixels.dtype).max)
     elif file.path.suffix.lower() == ".json":
-        weights = annotated_pixels(file, photo)
+        weights = annotated_pixels(file, photo, label)
+    elif label:
+        wanted = "wanted an annotation (COCO, Labelme), or leave the label out"
+        raise file.error(f"it has no labels, such as {label!r}", wanted)
     elif file.path.suffix.lower() == ".npy":
         weights = _of_array(file)
     else:

@@ -93,7 +93,7 @@ def _open_photo(sources: Sources) -> Scene:
         start, texts = record.pose, record.texts
         notes += distance_notes(model.content.mesh_without(without), start)
     if mask is not None and not isinstance(mask, Mask):
-        settings, name = replace(settings, mask=mask.name), mask.name
+        settings, name = replace(settings, mask=mask.path.name), mask.path.name
         mask = load_mask(mask, (opened.width, opened.height), opened.name)
         of_mask = tuple(filter(None, [mask_note(mask, name)]))
     if not isinstance(start, Pose):

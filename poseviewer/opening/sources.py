@@ -19,6 +19,7 @@ from poseviewer.files.colmap_model import colmap_file
 from poseviewer.files.formats.bop import CAMERAS
 from poseviewer.files.image_sequence import ImageSequence, sort_frames
 from poseviewer.files.keypoints import keypoints_path
+from poseviewer.files.masks import MaskFile
 from poseviewer.files.mesh.load import ELSEWHERE, READERS
 from poseviewer.files.mesh.named import bare_name, find_named, plain_name
 from poseviewer.files.mesh.parts import MAX_TEXTURES
@@ -91,8 +92,8 @@ class Sources:
     """Pose file, pose, or what finds one on the photo; None: the model is still to be placed."""
     calibration: Calibration | None = None
     """Camera and lens of the photo or of all frames."""
-    mask: Path | Mask | None = None
-    """Weight of each pixel, or its picture; None: that of the pose file, with what was found in
+    mask: MaskFile | Mask | None = None
+    """Weight of each pixel, or its file; None: that of the pose file, with what was found in
     front."""
     choice: SetChoice | None = None
     """What a set leaves open."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from poseviewer.errors import PhotoFileError
-from poseviewer.files.masks import load_mask
+from poseviewer.files.masks import MaskFile, load_mask
 from tests.writing import write
 
 WIDTH, HEIGHT = 64, 48
@@ -69,7 +69,8 @@ def test_the_only_object_of_an_annotation_is_what_counts(tmp_path: Path, name: s
 
 
 @pytest.mark.parametrize(("content", "words"), [
-    (labelme(ENTRY, {**ENTRY, "label": "dog"}), r"marks 2 objects in the photo \(block, dog\)"),
+    (labelme(ENTRY, {**ENTRY, "label": "dog"}),
+     r"marks 2 objects in the photo \(block, dog\); wanted one, name it by `MaskFile.label`"),
     (coco([FLAT], annotations=[]), "marks 0 objects"),
     (coco([FLAT], annotations=[{"image_id": 1}] * 3), "marks 3 objects"),
     (coco([FLAT], images=[]), "0 of its 0 images are called photo.png"),
@@ -86,3 +87,27 @@ def test_the_only_object_of_an_annotation_is_what_counts(tmp_path: Path, name: s
 def test_what_is_no_mask_of_one_object_is_said(tmp_path: Path, content: Any, words: str) -> None:
     with pytest.raises(PhotoFileError, match=rf"mask\.json: .*{words}"):
         load_mask(write(tmp_path / "mask.json", content), (WIDTH, HEIGHT), "photo.png")
+
+
+DOG = {"label": "dog", "points": [[1, 1], [9, 1], [9, 9]]}
+CATEGORIES = [{"id": 7, "name": "block"}, {"id": 8, "name": "dog"}]
+BLOCK = {"image_id": 1, "category_id": 7, "segmentation": [FLAT]}
+OF_SEVERAL = {
+    "coco": coco([], categories=CATEGORIES, annotations=[BLOCK, {**BLOCK, "category_id": 8}]),
+    "labelme": labelme(DOG, ENTRY, DOG),
+}
+
+
+@pytest.mark.parametrize("name", OF_SEVERAL)
+def test_a_label_chooses_an_object(tmp_path: Path, name: str) -> None:
+    path = write(tmp_path / "mask.json", OF_SEVERAL[name])
+    alone = load_mask(write(tmp_path / "alone.json", labelme(ENTRY)), (WIDTH, HEIGHT))
+    chosen = load_mask(MaskFile(path, "block"), (WIDTH, HEIGHT), "photo.png")
+    assert np.array_equal(chosen.weights, alone.weights)
+    with pytest.raises(PhotoFileError, match=r"0 objects called 'cat' in the photo \(block, dog\)"):
+        load_mask(MaskFile(path, "cat"), (WIDTH, HEIGHT), "photo.png")
+
+
+def test_a_label_of_what_has_none_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(PhotoFileError, match="no labels, such as 'dog'"):
+        load_mask(MaskFile(tmp_path / "mask.png", "dog"))

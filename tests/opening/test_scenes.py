@@ -11,6 +11,7 @@ import pytest
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import PoseViewerError
+from poseviewer.files.masks import MaskFile
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_json import as_saved, load_scene, pose_json, save_scene
 from poseviewer.geometry.camera import Pose
@@ -193,6 +194,5 @@ def test_a_mask_that_hides_nothing_or_all_is_said(tmp_path, value, said):
     make_three(tmp_path)
     cv2.imwrite(str(tmp_path / "m.png"), np.full((240, 320), value, np.uint8))
     sources = Sources(tmp_path / "three.png", model=tmp_path / "ball.ply", start=TRUTH[0])
-    assert (
-        f"m.png: the mask {said}" in open_scene(replace(sources, mask=tmp_path / "m.png")).notes[0]
-    )
+    notes = open_scene(replace(sources, mask=MaskFile(tmp_path / "m.png"))).notes
+    assert f"m.png: the mask {said}" in notes[0]

@@ -70,7 +70,7 @@ FIELDS = {
 """Labels of the fields of settings that sentences name."""
 WAYS = {
     **dict.fromkeys(("image", "object_id", "overwrite"), "poseviewer convert"),
-    **dict.fromkeys(("key", "mask_all_frames"), "poseviewer track"),
+    **dict.fromkeys(("key", "label", "mask_all_frames"), "poseviewer track"),
     **dict.fromkeys(("rig_object", "scale"), "the command line"),
     "calibration": "a calibration file",
     "camera": "a file of it alone",
