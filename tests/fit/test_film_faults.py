@@ -122,9 +122,9 @@ def test_a_wrong_track_ends_and_says_why(change: Callable[[int, Pixels], Pixels]
 def test_nothing_is_looked_for_in_front_where_the_photo_is_explained_as_at_the_key(monkeypatch):
     asked = []
 
-    def find(*about: Any) -> Any:
+    def find(*about: Any, **how: Any) -> Any:
         asked.append(about)
-        return find_occluded(*about)
+        return find_occluded(*about, **how)
 
     monkeypatch.setattr(propagation, "find_occluded", find)
     _, ends = run(film(lambda _, pixels: pixels))
