@@ -26,6 +26,7 @@ from poseviewer.confidence.pose_covariance import PoseCovariance, region_reach
 from poseviewer.confidence.verdict import (
     LABELS,
     MIN_VISIBLE_FRACTION,
+    SURE_FROM,
     Features,
     Verdict,
     reason_against,
@@ -84,10 +85,13 @@ FINE = QuadraticOptions(sampling_radius=1.0, contour_level=0.3, rounds=3, growth
 STEP_LEVEL = 0.1
 """Loss above the minimum of the contour about which a single step is taken: nearer, jumps of the
 loss count, and farther it is not quadratic."""
+BIAS = 0.5
+"""Error of a step that all points share, in least deviations: light moves over what they show."""
 OCCLUDER_MARGIN = np.ones((9, 9), np.uint8)
 """Dilation of what stands in front: its log odds are smoothed over as many px."""
-PROBE_EVERY = 10
-"""Frames from one full verdict to the next, if the pose stays as good as it was there."""
+PROBE_EVERY = 5
+"""Frames from one full search and verdict to the next, if the pose stays as good as it was there:
+where light moves over a thing without print, points lead by up to 1 % aside in so many."""
 DOUBT = 0.1
 """Change of visible fraction, of edge support and of the loss's third that asks for a full one."""
 NO_POSE = OutsideChartError, np.linalg.LinAlgError
@@ -345,7 +349,7 @@ class _Track:
             return _Prior(self.predict(time), self.velocity is None)
         least = np.diag((MIN_DEVIATION * self.units) ** 2)
         own = least if self.covariance is None else self.covariance
-        told = replace(motion, matrix=own + motion.matrix)
+        told = replace(motion, matrix=own + motion.matrix + BIAS**2 * least)
         last = None if self.covariance is None else replace(motion, matrix=own)
         return _Prior(replace(told, matrix=told.matrix + least), told=told, last=last)
 
@@ -376,6 +380,10 @@ class _Prior:
     last: PoseCovariance | None = None
     """Distribution that the last pose alone tells, whose axes are those of the loss's minimum;
     None: not known, or not relied on."""
+
+
+_End = tuple[FitProgress, PoseCovariance | None]
+"""End of a search, and the covariance of its pose."""
 
 
 def _name(scene: Scene, index: int) -> str:
@@ -651,6 +659,10 @@ class _Chain:
                 return judged
         prior = replace(prior, last=None)
         ends = [_search_near(problem, renderer, prior, self._pool)]
+        if prior.told is not None:  # points drift, and may have led beside the minimum
+            prior = replace(prior, told=None)
+            alone = _search_near(problem, renderer, prior, self._pool)
+            ends = [_better(ends[0], alone, STEP_LEVEL)]
         is_looked_for = problem.loss.has_structure and problem.settings.in_front == "find"
         is_as_at_key = key and ends[0][0].unexplained <= key.unexplained + MAX_OPEN_RISE
         if is_looked_for and not is_as_at_key:
@@ -661,8 +673,7 @@ class _Chain:
             if mask is not None:
                 ends.append(self._search_behind(problem, renderer, mask, prior))
         # What is in front leaves a photo that is explained far better without it.
-        gain = ends[0][0].loss - ends[-1][0].loss
-        end, covariance = ends[-1 if gain > PARTS * problem.loss.unit * DOUBT else 0]
+        end, covariance = _better(ends[0], ends[-1], PARTS * DOUBT)
         judging = end, judge, track, prior, covariance
         judged = self._judge(*judging, track.probed)
         is_full = track.probed is None or _stays(track, judged)
@@ -691,7 +702,7 @@ class _Chain:
 
     def _search_behind(
         self, problem: FitProblem, renderer: Renderer, mask: NDArray[np.bool_], prior: _Prior
-    ) -> tuple[FitProgress, PoseCovariance | None]:
+    ) -> _End:
         """Search without the pixels of a mask; return the end, and the covariance of its pose."""
         # Found to a few px: what is left of an occluder would draw the model.
         wider = np.asarray(cv2.dilate(mask.astype(np.uint8), OCCLUDER_MARGIN), bool)
@@ -742,6 +753,8 @@ def _judge_in_film(
         doubts.append("It jumped away from where its motion led.")
     if key is not None:
         rise, drop = end.unexplained - key.unexplained, key.outline - outline
+        is_sure = verdict.probability >= SURE_FROM  # it turns, and other sides are explained less
+        rise = 0.0 if is_sure else rise
         if drop > MAX_DROP:
             shares = f"{percent(outline)}, {percent(key.outline)} there"
             doubts.append(f"Fewer edges lie along its outline than at its key: {shares}.")
@@ -753,7 +766,8 @@ def _judge_in_film(
     is_seen = verdict.features["seen"] >= MIN_VISIBLE_FRACTION
     label = verdict.label
     is_off = rise > MAX_WRONG_RISE and (drop > MAX_DROP or not is_told)
-    if is_off or (rise > MAX_RISE and is_jump):
+    is_off = (is_off and verdict.probability < 0.5) or (rise > MAX_RISE and is_jump)
+    if is_off:
         label = "lost"
     elif label == "lost":
         label = "doubtful" if is_likely and is_seen else "lost"
@@ -802,12 +816,18 @@ def _stays(track: _Track, end: FitProgress) -> bool:
     return track.age < PROBE_EVERY and drop < DOUBT and rise < DOUBT
 
 
+def _better(one: _End, other: _End, level: float) -> _End:
+    """Return the other end if its loss is lower by more than a level, else the one."""
+    gain = one[0].loss - other[0].loss
+    return other if gain > level * one[0].problem.loss.unit else one
+
+
 def _search_near(
     problem: FitProblem,
     renderer: Renderer,
     prior: _Prior,
     pool_of: Callable[[Renderer], RendererPool],
-) -> tuple[FitProgress, PoseCovariance | None]:
+) -> _End:
     """Search about a predicted pose; return the end, and the covariance of its pose.
 
     Where the axes of the last pose's minimum are known, a step along these does if it reaches one.

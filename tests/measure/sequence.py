@@ -222,7 +222,8 @@ def measure(name: str, way: str, frames: int, out: Path, verbose: bool) -> tuple
         found += is_found
         wrong += is_found and percent > WRONG_PERCENT
         if verbose:
-            print(index, f"{seen[index]:.2f} {percent:.2f} %", known.result.verdict.label)
+            said = known.result.verdict
+            print(index, f"{seen[index]:.2f} {percent:.2f} % {said.label} {said.probability:.2f}")
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     covered = sum(share < COVERED for share in seen)
     shares = f"{100 * right / wanted:.0f} %", f"{found}", f"{wrong}", f"{covered}"
