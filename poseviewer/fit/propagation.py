@@ -26,7 +26,6 @@ from poseviewer.confidence.pose_covariance import PoseCovariance, region_reach
 from poseviewer.confidence.verdict import (
     LABELS,
     MIN_VISIBLE_FRACTION,
-    SURE_FROM,
     Features,
     Verdict,
     reason_against,
@@ -85,8 +84,6 @@ FINE = QuadraticOptions(sampling_radius=1.0, contour_level=0.3, rounds=3, growth
 STEP_LEVEL = 0.1
 """Loss above the minimum of the contour about which a single step is taken: nearer, jumps of the
 loss count, and farther it is not quadratic."""
-BIAS = 0.5
-"""Error of a step that all points share, in least deviations: light moves over what they show."""
 OCCLUDER_MARGIN = np.ones((9, 9), np.uint8)
 """Dilation of what stands in front: its log odds are smoothed over as many px."""
 PROBE_EVERY = 5
@@ -113,6 +110,11 @@ tracks it falls by 0.2, and 5 % off by more."""
 MAX_WRONG_RISE = 0.15
 """Unexplained share above that at the key from which a pose is lost that points do not tell, or
 that is beyond ``MAX_DROP``, too."""
+SURE_WITHOUT_KEY = 0.95
+"""Probability by the photo alone from which its unexplained share need not be the key's: of drawn
+films that turn by 90 degrees right poses have 0.96 and more, mirrored ones 0.94."""
+LIKELY = 0.5
+"""Probability by the photo alone from which a pose is not lost for being unlike the key."""
 LOOK_AGAIN_S = 30.0
 """Time of a search for a lost object, s: a user would wait as long before placing it anew."""
 MAX_UNREAD = 5
@@ -349,7 +351,7 @@ class _Track:
             return _Prior(self.predict(time), self.velocity is None)
         least = np.diag((MIN_DEVIATION * self.units) ** 2)
         own = least if self.covariance is None else self.covariance
-        told = replace(motion, matrix=own + motion.matrix + BIAS**2 * least)
+        told = replace(motion, matrix=own + motion.matrix)
         last = None if self.covariance is None else replace(motion, matrix=own)
         return _Prior(replace(told, matrix=told.matrix + least), told=told, last=last)
 
@@ -753,8 +755,8 @@ def _judge_in_film(
         doubts.append("It jumped away from where its motion led.")
     if key is not None:
         rise, drop = end.unexplained - key.unexplained, key.outline - outline
-        is_sure = verdict.probability >= SURE_FROM  # it turns, and other sides are explained less
-        rise = 0.0 if is_sure else rise
+        # Where it turns, other sides may be explained less.
+        rise = 0.0 if verdict.probability >= SURE_WITHOUT_KEY else rise
         if drop > MAX_DROP:
             shares = f"{percent(outline)}, {percent(key.outline)} there"
             doubts.append(f"Fewer edges lie along its outline than at its key: {shares}.")
@@ -766,8 +768,8 @@ def _judge_in_film(
     is_seen = verdict.features["seen"] >= MIN_VISIBLE_FRACTION
     label = verdict.label
     is_off = rise > MAX_WRONG_RISE and (drop > MAX_DROP or not is_told)
-    is_off = (is_off and verdict.probability < 0.5) or (rise > MAX_RISE and is_jump)
-    if is_off:
+    is_off &= verdict.probability < LIKELY
+    if is_off or (rise > MAX_RISE and is_jump):
         label = "lost"
     elif label == "lost":
         label = "doubtful" if is_likely and is_seen else "lost"
