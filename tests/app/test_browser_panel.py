@@ -86,7 +86,7 @@ def test_first_the_page_says_what_it_is_and_then_what_to_do(
     page.wait_for_function(f"document.body && {FIRST_WORDS}.includes('poseviewer finds')")
     page.wait_for_function(READY)
     assert page.evaluate(FIRST_WORDS) == "none"
-    page.get_by_text("Finds where a known 3D model stands").wait_for()
+    page.get_by_text("Finds a known 3D model in a photo").wait_for()
     page.close()
 
 

@@ -681,6 +681,14 @@ function labelPlots() {
   }
 }
 
+// Buttons that would do nothing now are grey: by their labels, since viser disables no groups.
+let idle = [];
+function greyIdle() {
+  for (const button of document.querySelectorAll(".mantine-Button-root")) {
+    button.ariaDisabled = idle.includes(button.textContent.trim()) ? "true" : null;
+  }
+}
+
 // Texts are copied through a field: a page without TLS has no other clipboard.
 addEventListener("click", (event) => {
   const node = event.target.closest?.("[data-copy]");
@@ -822,6 +830,7 @@ function watch() {
     if (!viewer.camera.view?.enabled || !isAsWas) applyView();
     drawSheet();
     labelPlots();
+    greyIdle();
     viewer.canvas.style.cursor = pen.shape ? "crosshair" : "";
     if (!state.step || tabOf(state.step)) state.frames += 1;
     if (state.frames === LAYOUT_FRAMES) document.documentElement.classList.add("pv-ready");
@@ -838,6 +847,7 @@ window.poseviewer = {
   setHint(html) { bar.innerHTML = html; },
   setHandles(svg) { handles.innerHTML = svg; },
   setTimes(known) { times = known; },
+  setIdle(labels) { idle = labels; },
   setPen, forgetStrokes, setPictures, setStrip, photoFromCanvas, zoomAt, showAll,
   sent: () => state.sent,
   unsent,

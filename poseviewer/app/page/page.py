@@ -9,16 +9,17 @@ import viser
 
 from poseviewer.app.below_viser.client_script import ClientScript
 from poseviewer.app.below_viser.incoming import check_incoming
-from poseviewer.app.page.above_steps import add_preparing, add_working, objects_list
+from poseviewer.app.page.above_steps import add_preparing, objects_list
 from poseviewer.app.page.controls import Controls, Post, on_page, plain
 from poseviewer.app.page.handles import handles_of
 from poseviewer.app.page.map_panel import add_maps
-from poseviewer.app.page.panels import STEPS, add_status
+from poseviewer.app.page.panels import STEPS, add_status, idle_buttons
 from poseviewer.app.page.photo_view import DEPTH, SIDE, PhotoScene
 from poseviewer.app.page.reports import Theme, meaning_of
 from poseviewer.app.page.rows import add_rows
+from poseviewer.app.page.status import FIRST
 from poseviewer.app.page.strip import show_strip
-from poseviewer.app.page.texts import every_text, first_text, hint_of
+from poseviewer.app.page.texts import every_text, hint_of
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.document import MARKING, label_of
 from poseviewer.app.state.edits import SavePose
@@ -79,12 +80,9 @@ class Page:
         self._script = ClientScript(server, PAGE_CONFIG, self._on_report)
         self._controls = controls = Controls(gui, post, session, PANELS_S)
         add_preparing(controls)
-        add_working(controls)
         if review is not None:
             add_rows(controls, review)
-        else:
-            controls.text(first_text)
-        add_status(controls)
+        add_status(controls, "" if review else FIRST)
         controls.html(objects_list)
         tabs = gui.add_tab_group()
         for step, add_controls in STEPS.items():
@@ -120,6 +118,7 @@ class Page:
             self._script.show("setHint", hint_of(session))
             shape = session.tool if session.tool in SHAPES else ""
             self._script.show("setPen", shape, session.pen.erases)
+            self._script.show("setIdle", idle_buttons(session))
             self.scene.show(session)
             self._script.show("setHandles", handles_of(session))
             show_strip(self._script, session)

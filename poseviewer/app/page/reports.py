@@ -28,7 +28,7 @@ from poseviewer.app.state.keys_and_buttons import KEYS
 from poseviewer.app.state.marking import mark_model, turn_model
 from poseviewer.app.state.pointer_edits import double_press, press
 from poseviewer.app.state.pose_edits import nudge, pick_in_landscape
-from poseviewer.app.state.search_edits import take_start
+from poseviewer.app.state.search_edits import find_focal_length, take_start
 from poseviewer.app.workers.tasks import Request, grow
 from poseviewer.errors import printable
 from poseviewer.opening.uploads import why_not_sent, why_unfit
@@ -109,6 +109,7 @@ MEANINGS: Mapping[str, Callable[..., Meaning]] = {
     "remove object": o.remove_object,
     "alter object": _object,
     "part": bring_back,
+    "find focal length": find_focal_length,
     "mark model": mark_model,
     "turn model": turn_model,
     "start": take_start,

@@ -9,9 +9,9 @@ import pytest
 from lxml import html
 from PIL import Image
 
-from poseviewer.app.page.above_steps import loss_bar
 from poseviewer.app.page.handles import handles_of, path_of
 from poseviewer.app.page.reports import meaning_of
+from poseviewer.app.page.status import loss_bar, status_html
 from poseviewer.app.page.strip import proposals_row
 from poseviewer.app.page.texts import (
     PROPOSED_HINT,
@@ -19,7 +19,6 @@ from poseviewer.app.page.texts import (
     USUAL_HINT,
     hint_of,
     proposals_text,
-    search_text,
 )
 from poseviewer.app.state.document import Document, verdict_of
 from poseviewer.app.state.edits import Edit
@@ -174,7 +173,8 @@ def test_a_model_without_a_pose_is_looked_for_until_somebody_places_it():
 def test_a_model_that_is_nowhere_shows_nothing_but_the_likeliest_proposal():
     session = nowhere()
     assert "pv-pin" not in handles_of(replace(session, tool="pose"))
-    assert (loss_bar(session), search_text(session)) == ("", "The model is not placed yet.")
+    assert loss_bar(session) is None
+    assert "The model is not placed yet." in status_html(session, "")
     listed = listed_in(session)
     first, second = (path_of(lines) for lines in OUTLINES[:2])
     for shown in (listed, after(listed, c.stop_proposing())):
