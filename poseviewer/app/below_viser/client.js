@@ -318,6 +318,7 @@ const [handles, strokes, hovered] = sheet.children;
 const pen = {
   shape: "", // "brush", "polygon", "scribble"
   erases: false, // unless alt or shift is held
+  isIdle: true, // drags hold the model
   radius: 18, // of the brush, CSS px
   at: null, // the pointer, photo px
   now: null, // stroke under way: {shape, points (photo px), radius (photo px), erase}
@@ -329,9 +330,26 @@ const STEP = 1.5; // CSS px between a stroke's points
 const NEAR = 9; // CSS px: a press within this distance of the first corner closes a polygon
 const LASSO = 12; // points: a longer drag closes its polygon when the button goes up
 
-function setPen(shape, erases) {
+function setPen(shape, erases, isIdle) {
   if (shape !== pen.shape) pen.now = null;
-  Object.assign(pen, { shape, erases });
+  Object.assign(pen, { shape, erases, isIdle });
+}
+
+// The cursor shows what a drag would do: move, turn or roll.
+const picture = (path) => `url("data:image/svg+xml,${encodeURIComponent(
+  `<svg xmlns="http://www.w3.org/2000/svg" width="24" height="24" fill="none" stroke-linecap="round"
+  ><path d="${path}" stroke="#000" stroke-width="4.4"/><path d="${path}" stroke="#fff"
+  stroke-width="2"/></svg>`)}") 12 12, grab`;
+const CURSORS = {
+  plain: "grab",
+  shift: picture("M3 12h18M6 9l-3 3 3 3M18 9l3 3-3 3M12 3v18M9 6l3-3 3 3M9 18l3 3 3-3"),
+  ctrl: picture("M20 12a8 8 0 11-3-6.200M17.500 1.500v4.500h-4.500"),
+};
+function cursorOf() {
+  if (state.pointer === "pan") return "move";
+  if (!pen.isIdle) return "crosshair";
+  const drag = CURSORS[bar.dataset.held];
+  return drag === "grab" && state.pointer ? "grabbing" : drag;
 }
 
 const isErasing = (event) => pen.erases !== (event.altKey || event.shiftKey);
@@ -831,7 +849,7 @@ function watch() {
     drawSheet();
     labelPlots();
     greyIdle();
-    viewer.canvas.style.cursor = pen.shape ? "crosshair" : "";
+    viewer.canvas.style.cursor = cursorOf();
     if (!state.step || tabOf(state.step)) state.frames += 1;
     if (state.frames === LAYOUT_FRAMES) document.documentElement.classList.add("pv-ready");
     if (state.step && openStep(state.step)) state.step = "";

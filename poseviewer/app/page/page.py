@@ -117,7 +117,7 @@ class Page:
             self._script.show("setPhoto", photo.width, photo.height)
             self._script.show("setHint", hint_of(session))
             shape = session.tool if session.tool in SHAPES else ""
-            self._script.show("setPen", shape, session.pen.erases)
+            self._script.show("setPen", shape, session.pen.erases, session.tool == "pose")
             self._script.show("setIdle", idle_buttons(session))
             self.scene.show(session)
             self._script.show("setHandles", handles_of(session))
