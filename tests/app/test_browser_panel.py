@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser
 
+from poseviewer import __version__
 from poseviewer.app.below_viser.guard import serve
 from poseviewer.app.page.controls import plain
 from tests.app.browser import READY, AppPage
@@ -131,3 +132,30 @@ def test_no_label_is_squeezed_and_the_plots_last_number_is_whole(page: AppPage) 
     for step in range(1, 6):
         page.open_step(step)
         assert page.page.evaluate(SQUEEZED) == []
+
+
+def test_the_icon_opens_help_with_colours_and_not_the_developers_panel(page: AppPage) -> None:
+    page.page.get_by_role("button", name="Help", exact=True).click()
+    dialog = page.page.get_by_role("dialog")
+    dialog.get_by_role("columnheader", name="what it does").wait_for()
+    dialog.get_by_text(f"poseviewer {__version__}").wait_for()
+    parts = dialog.get_by_role("button", name="Close"), dialog.get_by_role("table")
+    close, table = (part.evaluate("node => node.getBoundingClientRect().top") for part in parts)
+    assert close < table  # in sight, however long the table is
+    assert page.page.get_by_text("Scene tree").filter(visible=True).count() == 0
+    for colours in ("Dark", "Light"):
+        dialog.get_by_role("button", name=colours).click()
+        page.page.locator(f"html[data-mantine-color-scheme={colours.lower()}]").wait_for()
+    page.page.keyboard.press("Escape")
+    dialog.wait_for(state="hidden")
+
+
+def test_a_second_tab_says_that_it_is_one(
+    browser: Browser, running: RunningApp, page: AppPage
+) -> None:
+    said = page.page.get_by_text("open in 2 tabs")
+    assert said.count() == 0
+    with AppPage(browser, running.url) as other:
+        other.wait_for_text("open in 2 tabs")
+        said.wait_for()
+    said.wait_for(state="hidden")

@@ -699,6 +699,14 @@ function labelPlots() {
   }
 }
 
+// The icon of viser's own settings, which are a developer's, opens our help.
+const HELP = ".mantine-ActionIcon-root:has(.tabler-icon-adjustments)";
+addEventListener("click", (event) => {
+  if (!event.target.closest?.(HELP)) return;
+  consume(event);
+  send({ kind: "key", code: "?", key: "?" });
+}, true);
+
 // Buttons that would do nothing now are grey: by their labels, since viser disables no groups.
 let idle = [];
 function greyIdle() {
@@ -733,6 +741,15 @@ light.addEventListener("change", sendTheme);
 const bar = document.createElement("div");
 bar.className = "pv-hint";
 bar.dataset.held = "plain";
+
+// Without a server the page waits for one; a second tab says that it is one.
+const gone = document.createElement("div");
+gone.className = "pv-gone";
+gone.role = "alert";
+gone.innerHTML = "<b>poseviewer has ended, or is out of reach.</b> Your work is kept: start it " +
+  "again, and this page comes back by itself.";
+const tabs = document.createElement("div");
+tabs.className = "pv-tabs";
 
 // Several photos: small ones below the large one.
 const strip = document.createElement("div");
@@ -839,7 +856,7 @@ function watch() {
     const host = viewer.canvas.parentElement;
     if (bar.parentElement !== host) {
       host.style.position = "relative";
-      host.append(sheet, bar);
+      host.append(sheet, bar, tabs, gone);
       host.after(strip); // the canvas ends where it begins
     }
     host.style.height = `calc(100% - ${strip.offsetHeight}px)`;
@@ -849,6 +866,8 @@ function watch() {
     drawSheet();
     labelPlots();
     greyIdle();
+    gone.hidden = viewer.sendMessage === sendMessage;
+    document.querySelector(HELP)?.setAttribute("aria-label", "Help");
     viewer.canvas.style.cursor = cursorOf();
     if (!state.step || tabOf(state.step)) state.frames += 1;
     if (state.frames === LAYOUT_FRAMES) document.documentElement.classList.add("pv-ready");
@@ -866,6 +885,9 @@ window.poseviewer = {
   setHandles(svg) { handles.innerHTML = svg; },
   setTimes(known) { times = known; },
   setIdle(labels) { idle = labels; },
+  setTabs(count) {
+    tabs.textContent = count > 1 ? `open in ${count} tabs, which all show the same work` : "";
+  },
   setPen, forgetStrokes, setPictures, setStrip, photoFromCanvas, zoomAt, showAll,
   sent: () => state.sent,
   unsent,

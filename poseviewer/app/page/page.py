@@ -1,12 +1,12 @@
 """The page: panels left and right, the photo in the middle, notices; brought to each session."""
 
-import time
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import viser
 
+from poseviewer import __version__
 from poseviewer.app.below_viser.client_script import ClientScript
 from poseviewer.app.below_viser.incoming import check_incoming
 from poseviewer.app.page.above_steps import add_preparing, objects_list
@@ -19,7 +19,7 @@ from poseviewer.app.page.reports import Theme, meaning_of
 from poseviewer.app.page.rows import add_rows
 from poseviewer.app.page.status import FIRST
 from poseviewer.app.page.strip import show_strip
-from poseviewer.app.page.texts import every_text, hint_of
+from poseviewer.app.page.texts import every_text, hint_of, offer_text
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.document import MARKING, label_of
 from poseviewer.app.state.edits import SavePose
@@ -28,7 +28,7 @@ from poseviewer.app.state.keys_and_buttons import client_keys, help_table
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import OF_FRAMES
 from poseviewer.app.workers.tasks import LongVideo, Restore, TaskResult, download
-from poseviewer.errors import PoseViewerError
+from poseviewer.errors import REPORTING, PoseViewerError
 from poseviewer.files.formats.bop import likely_numbers, object_numbers
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.state.session_file import AutosavedSession
@@ -101,6 +101,8 @@ class Page:
         self._said: dict[tuple[int, str], viser.NotificationHandle] = {}
         self._question: Any = None
         self._offer: viser.GuiFolderHandle | None = None
+        for subscribe in (server.on_client_connect, server.on_client_disconnect):
+            subscribe(lambda _: self._script.show("setTabs", len(self._tabs())))
         check_incoming(server, lambda client, why: self.show_error(why, client))
 
     def show(self, session: Session, seen: int, where: str) -> None:
@@ -198,11 +200,16 @@ class Page:
                 tab.send_file_download(name, content, save_immediately=True)
 
     def show_help(self, client: int) -> None:
-        """Open the panel with the keys."""
+        """Open the panel with the keys, the colours, the version and how to report an error."""
         for tab in self._tabs(client):
             with tab.gui.add_modal("Keys and mouse") as modal:
-                tab.gui.add_markdown(help_table())
                 tab.gui.add_button("Close").on_click(lambda _, modal=modal: close_modal(modal))
+                tab.gui.add_markdown(help_table())
+                colours = tab.gui.add_button_group("Colours", ("Light", "Dark"))
+                colours.on_click(
+                    lambda _, gui=tab.gui, own=colours: choose_theme(gui, own.value == "Light")
+                )
+                tab.gui.add_markdown(f"poseviewer {plain(__version__)}. {plain(REPORTING)}")
 
     def ask_numbers(self, what: str, client: int) -> None:
         """Ask on a page for the numbers of image and objects in BOP, then download."""
@@ -252,9 +259,7 @@ class Page:
 
     def offer(self, offer: AutosavedSession) -> None:
         """Offer above the steps, where it interrupts nothing, what an earlier session left."""
-        when = time.strftime("%d %B %Y, %H:%M", time.localtime(offer.saved_at))
-        gui, names = self._server.gui, map(plain, (offer.photo_name, offer.model_name))
-        said = f"An earlier session ended without saving: **{' with '.join(names)}**, {when}"
+        gui, said = self._server.gui, offer_text(offer)
         with gui.add_folder("Earlier session", order=-1.0) as self._offer:
             gui.add_markdown(said)
             answers = {"Open it again": Restore(True), "Discard": Restore(False)}

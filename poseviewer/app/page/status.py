@@ -67,10 +67,10 @@ def _said(session: Session, first: str) -> tuple[str, str]:
         return label, next(iter(result.verdict.reasons), "")
     if progress is not None and progress.progress.status.name == "RUNNING":
         return "stopped", STOPPED
-    if first and not (session.history.past or session.search):
-        return label, first
     if not item.is_placed:
         return label, "The model is not placed yet."
+    if first and not (session.history.past or session.search):
+        return label, first
     if preparation is not None and preparation.share is not None:
         return label, "The loss comes when all is compiled."
     if losses is None or losses.mean is None:

@@ -1,6 +1,7 @@
 """Texts of the page on a session: what is open, what to do next, how search and verdict stand."""
 
 import math
+import time
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from poseviewer.app.workers.tasks import LongVideo
 from poseviewer.confidence.pose_covariance import short
 from poseviewer.errors import percent
 from poseviewer.files.mesh.size import size_words
+from poseviewer.files.state.session_file import AutosavedSession
 from poseviewer.fit.progress import SearchProgress
 from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.mask import Mask
@@ -419,6 +421,20 @@ def pace_text(pace: Pace) -> str:
     rate = (pace.done - pace.begun) / pace.seconds
     left = "" if total is None else f", {duration_text((total - pace.done) / rate)} left"
     return f"{frame}, {rate:{',.0f' if rate >= 10.0 else '.1f'}} a second{left}"
+
+
+def offer_text(offer: AutosavedSession) -> str:
+    """Say what an earlier session left (markdown)."""
+    scene, when = offer.scene, time.localtime(offer.saved_at)
+    names = " with ".join(map(plain, (offer.photo_name, offer.model_name)))
+    counts = {
+        f"a sequence of {len(scene.frames):,} frames": len(scene.frames),
+        f"{len(scene.views)} photos": len(scene.views) - 1,
+        f"{len(scene.objects)} objects": len(scene.objects) - 1,
+    }
+    parts = [f"**{names}**", *(text for text, count in counts.items() if count > 0)]
+    said = ", ".join([*parts, time.strftime("%d %B %Y, %H:%M", when)])
+    return f"An earlier session ended without saving: {said}"
 
 
 def every_text(video: LongVideo, every: int) -> str:

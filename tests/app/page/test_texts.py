@@ -25,6 +25,7 @@ from poseviewer.app.page.texts import (
     marks_text,
     notes_text,
     occlusion_text,
+    offer_text,
     verdict_text,
 )
 from poseviewer.app.page.time_line import time_line
@@ -32,6 +33,7 @@ from poseviewer.app.state import hiding as h
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.results import LossReading, Results
 from poseviewer.app.workers.exporting import scene_to_save
+from poseviewer.app.workers.saving import make_autosave
 from poseviewer.confidence.verdict import Verdict, percent_right
 from poseviewer.errors import percent
 from poseviewer.files.scene_json import as_saved, pose_json
@@ -226,6 +228,18 @@ def test_names_of_parts_are_text():
     assert [json.loads(report) for report in page.xpath("//button/@data-report")] == [
         {"kind": "part", "index": 0}
     ]
+
+
+def test_the_offer_after_a_crash_says_what_it_was():
+    sequence, two = make_sequence(), with_two().document
+    for document, what in (
+        (sequence, f"a sequence of {len(sequence.scene.frames)} frames"),
+        (two, "2 objects"),
+    ):
+        said = offer_text(make_autosave(document))
+        assert what in said
+        assert plain(document.photo.name) in said
+        assert "photos" not in said
 
 
 def test_every_tool_has_its_hint():
