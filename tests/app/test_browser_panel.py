@@ -146,8 +146,10 @@ def test_the_icon_opens_help_with_colours_and_not_the_developers_panel(page: App
     for colours in ("Dark", "Light"):
         dialog.get_by_role("button", name=colours).click()
         page.page.locator(f"html[data-mantine-color-scheme={colours.lower()}]").wait_for()
+    dialog.get_by_role("button", name="Dark").click()
     page.page.keyboard.press("Escape")
     dialog.wait_for(state="hidden")
+    page.page.locator("html[data-mantine-color-scheme=dark]").wait_for()
 
 
 def test_a_second_tab_says_that_it_is_one(
@@ -159,3 +161,28 @@ def test_a_second_tab_says_that_it_is_one(
         other.wait_for_text("open in 2 tabs")
         said.wait_for()
     said.wait_for(state="hidden")
+
+
+def test_a_narrow_window_leaves_its_room_to_the_photo(page: AppPage) -> None:
+    maps = page.page.locator(".pv-land")
+    maps.wait_for()
+    page.page.set_viewport_size({"width": 800, "height": 600})
+    page.until(lambda: page.view()["box"][2] > 400)
+    assert page.page.locator("html[data-mantine-color-scheme=dark]").count() == 1  # as was chosen
+    page.page.set_viewport_size({"width": WINDOW[0], "height": WINDOW[1]})
+    maps.wait_for()
+
+
+def test_the_tab_survives_a_reload(browser: Browser, running: RunningApp) -> None:
+    with AppPage(browser, running.url) as tab:
+        tab.open_step(4)
+        tab.page.reload()
+        tab.page.locator("[role=tab][aria-selected=true]", has_text="Judge").wait_for()
+
+
+def test_on_a_phone_the_page_says_that_it_needs_a_mouse(
+    browser: Browser, running: RunningApp
+) -> None:
+    with AppPage(browser, running.url, has_touch=True, is_mobile=True) as tab:
+        said = "getComputedStyle(document.querySelector('.pv-hint'), '::before').content"
+        assert "need a mouse" in tab.page.evaluate(said)

@@ -33,7 +33,7 @@ const state = {
   anchor: [0, 0], // point of the photo, px, that follows the pointer in a pan
   sequence: Date.now(), // makes reports differ: viser drops repeated ones, also of earlier pages
   sent: "", // name of the last upload
-  step: CONFIG.first, // to be opened once its tab exists
+  step: sessionStorage.getItem("step") ?? CONFIG.first, // to be opened once its tab exists
   frames: 0, // since the tabs exist
 };
 const LAYOUT_FRAMES = 15; // in which viser lays out the panels
@@ -631,10 +631,16 @@ const isOpen = (step) => tabOf(step)?.ariaSelected === "true";
 
 // Open a step; give whether it is open.
 function openStep(step) {
+  sessionStorage.setItem("step", step); // a page that is loaded again opens it
   tabOf(step)?.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter", bubbles: true }));
   tabOf(step)?.click();
   return isOpen(step);
 }
+
+addEventListener("click", (event) => {
+  const step = event.target.closest?.("[role=tab]")?.textContent;
+  if (event.isTrusted && CONFIG.steps.includes(step)) sessionStorage.setItem("step", step);
+}, true);
 
 const CLICK = 4; // CSS px that a press may move before it turns what it is on
 // Presses, also by Enter or space, on elements with a report: sent with the point, in shares of the
@@ -734,8 +740,11 @@ const light = matchMedia("(prefers-color-scheme: light)");
 const USUAL = 14.8; // px: viser's text at the browser's default size
 const textSize = () =>
   Math.max(1, parseFloat(getComputedStyle(document.documentElement).fontSize) / USUAL);
-const sendTheme = () => send({ kind: "theme", light: light.matches, text: textSize() });
-light.addEventListener("change", sendTheme);
+const narrow = matchMedia("(max-width: 999px)"); // there the photo needs the maps' room
+const sendTheme = () => send({
+  kind: "theme", light: light.matches, text: textSize(), narrow: narrow.matches,
+});
+for (const query of [light, narrow]) query.addEventListener("change", sendTheme);
 
 // --- what lies over the photo -------------------------------------------------------------------
 const bar = document.createElement("div");

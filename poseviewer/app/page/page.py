@@ -95,10 +95,11 @@ class Page:
         maps.dock_right()
         maps.set_width(MAPS_PX)
         maps.minimize()
-        self._map_panel, self._is_open = maps, False
+        self._map_panel, self._is_open, self._is_narrow = maps, False, False
         self._shown: Session | None = None
         self._working: list[viser.NotificationHandle] = []
         self._said: dict[tuple[int, str], viser.NotificationHandle] = {}
+        self._is_light: dict[int, bool] = {}  # colours that were chosen in the help, by client
         self._question: Any = None
         self._offer: viser.GuiFolderHandle | None = None
         for subscribe in (server.on_client_connect, server.on_client_disconnect):
@@ -133,15 +134,17 @@ class Page:
         # The photo has its place until there is something to tell; a drag's photo rests.
         # A tool's next press must not land beside its place: panels rest while one is active.
         marks, rests = session.tool in MARKING, session.drag is not None or session.tool != "pose"
-        is_open = marks or any(o.is_placed for o in session.document.scene.objects)
+        is_placed = any(item.is_placed for item in session.document.scene.objects)
+        is_open = marks or (is_placed and not self._is_narrow)
         if is_open is not self._is_open and (marks or not rests):
             self._is_open = is_open
             (self._map_panel.expand if is_open else self._map_panel.minimize)()
 
     def _on_report(self, report: object, client: viser.ClientHandle) -> None:
         match meaning_of(report, client.client_id):
-            case Theme(light, text):
-                choose_theme(client.gui, light)
+            case Theme(light, text, narrow):
+                choose_theme(client.gui, self._is_light.get(client.client_id, light))
+                self._is_narrow = narrow
                 if text > 1.0:
                     client.gui.main_panel.set_width(PANEL_PX * text)
                     self._map_panel.set_width(MAPS_PX * text)
@@ -206,9 +209,12 @@ class Page:
                 tab.gui.add_button("Close").on_click(lambda _, modal=modal: close_modal(modal))
                 tab.gui.add_markdown(help_table())
                 colours = tab.gui.add_button_group("Colours", ("Light", "Dark"))
-                colours.on_click(
-                    lambda _, gui=tab.gui, own=colours: choose_theme(gui, own.value == "Light")
-                )
+
+                def choose(_: viser.GuiEvent, tab: Any = tab, colours: Any = colours) -> None:
+                    self._is_light[tab.client_id] = colours.value == "Light"
+                    choose_theme(tab.gui, self._is_light[tab.client_id])
+
+                colours.on_click(choose)
                 tab.gui.add_markdown(f"poseviewer {plain(__version__)}. {plain(REPORTING)}")
 
     def ask_numbers(self, what: str, client: int) -> None:

@@ -80,6 +80,9 @@ PAINT_HINT = (
     "Give the model the colours that photos show of it, at its pose; other photos are searched by "
     "these"
 )
+CALIBRATION_HINT = (
+    "What OpenCV, ROS, Kalibr, COLMAP, MATLAB and others write of a camera: YAML, JSON, XML, text"
+)
 PRINCIPAL_HINT = (
     "That of a cropped photo is not in its middle. By several photos, or a car's wheels."
 )
@@ -246,7 +249,8 @@ def _add_lock(controls: Controls, index: int) -> None:
 def _add_camera(controls: Controls) -> None:
     """A calibration's file; projection, field of view, and intrinsics in px as OpenCV has them."""
     gui = controls.gui
-    controls.upload("Calibration file ...", None, "camera-up", accepted=",".join(TREES))
+    options: Any = {"accepted": ",".join(TREES), "hint": CALIBRATION_HINT}
+    controls.upload("Calibration file ...", None, "camera-up", **options)
     hint = "OpenCV's model of the lens, for a calibration file that does not say it"
     model = gui.add_dropdown("Lens model", ("as it says", *COEFFICIENTS), hint=hint)
     controls.lens_model = lambda: model.value if model.value in COEFFICIENTS else None

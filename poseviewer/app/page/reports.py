@@ -43,11 +43,13 @@ MAX_SAID = 40
 
 @dataclass(frozen=True, slots=True)
 class Theme:
-    """Colours and size of text that a browser prefers."""
+    """Colours and size of text that a browser prefers, and its room."""
 
     light: bool = False
     text: Annotated[float, msgspec.Meta(ge=0.5, le=3.0)] = 1.0
     """Size of text, in times of the usual one."""
+    narrow: bool = False
+    """Whether the photo needs the room of the maps."""
 
 
 T = TypeVar("T")

@@ -97,6 +97,7 @@ VERDICT_HINTS = {
 }
 """Hint by the verdict on a pose that is not saved yet."""
 WHEELS_FOCAL = "The focal length is a rough guess by the wheels, and with it the distance"
+NOT_FOUND = "Not found by itself: perhaps it is not in this photo. Else "
 MARKING_HINT = " &nbsp;·&nbsp; drag a mark, double-click removes it &nbsp;·&nbsp; Esc: end"
 
 
@@ -185,7 +186,7 @@ def _not_found_hint(session: Session) -> str:
     if session.proposals and session.proposals.starts:
         is_car = _what_helps(session) is WHEELS_HINT
         return f"{UNSURE_HINT} &nbsp;·&nbsp; {WHEELS_HINT}" if is_car else UNSURE_HINT
-    return f"{'Not found by itself: ' * bool(session.proposals)}{_what_helps(session)}"
+    return f"{NOT_FOUND * bool(session.proposals)}{_what_helps(session)}"
 
 
 def _what_helps(session: Session) -> str:

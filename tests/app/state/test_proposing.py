@@ -14,6 +14,7 @@ from poseviewer.app.page.reports import meaning_of
 from poseviewer.app.page.status import loss_bar, status_html
 from poseviewer.app.page.strip import proposals_row
 from poseviewer.app.page.texts import (
+    NOT_FOUND,
     PROPOSED_HINT,
     UNSURE_HINT,
     USUAL_HINT,
@@ -208,7 +209,7 @@ def test_what_is_only_proposed_places_nothing():
         assert after(taken, c.undo()).document is document
     nothing = after(session, c.list_starts(ProposedStarts(document, (), ())))
     assert not nothing.is_proposing
-    assert hint_of(nothing).startswith("Not found by itself: <b>press where")
+    assert hint_of(nothing).startswith(f"{NOT_FOUND}<b>press where")
     pressed = after(listed, c.press(80, 60), c.release())
     assert proposals_row(pressed).count("<image") == 3
     assert_same_pose(after(pressed, c.take_start(1)).document.pose, POSES[1])
@@ -225,7 +226,7 @@ def test_what_would_help_is_said_at_once_for_each_kind_of_model():
         looking = after(make_session(), c.open_document(document))
         assert helps in hint_of(looking)
         nothing = after(looking, c.list_starts(ProposedStarts(looking.document)))
-        assert hint_of(nothing).startswith("Not found by itself: ")
+        assert hint_of(nothing).startswith(NOT_FOUND)
         assert helps in hint_of(nothing)
         unsure = after(listed_in(looking), c.stop_proposing())
         assert hint_of(unsure).startswith(UNSURE_HINT)
