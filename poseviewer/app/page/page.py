@@ -77,6 +77,9 @@ class Page:
         gui.main_panel.dock_left()
         gui.main_panel.set_width(PANEL_PX)
         self.scene = PhotoScene(server)
+        # Pages may report from here on.
+        self._is_light: dict[int, bool] = {}  # colours that were chosen in the help, by client
+        self._is_narrow = False
         self._script = ClientScript(server, PAGE_CONFIG, self._on_report)
         self._controls = controls = Controls(gui, post, session, PANELS_S)
         add_preparing(controls)
@@ -95,11 +98,10 @@ class Page:
         maps.dock_right()
         maps.set_width(MAPS_PX)
         maps.minimize()
-        self._map_panel, self._is_open, self._is_narrow = maps, False, False
+        self._map_panel, self._is_open = maps, False
         self._shown: Session | None = None
         self._working: list[viser.NotificationHandle] = []
         self._said: dict[tuple[int, str], viser.NotificationHandle] = {}
-        self._is_light: dict[int, bool] = {}  # colours that were chosen in the help, by client
         self._question: Any = None
         self._offer: viser.GuiFolderHandle | None = None
         for subscribe in (server.on_client_connect, server.on_client_disconnect):
