@@ -717,8 +717,10 @@ addEventListener("click", (event) => {
 let idle = [];
 function greyIdle() {
   for (const button of document.querySelectorAll(".mantine-Button-root")) {
-    button.ariaDisabled = idle.includes(button.textContent.trim()) ? "true" : null;
+    const isIdle = idle.includes(button.textContent.trim()) ? "true" : null;
+    if (button.ariaDisabled !== isIdle) button.ariaDisabled = isIdle;
   }
+  document.querySelector(HELP)?.setAttribute("aria-label", "Help");
 }
 
 // Texts are copied through a field: a page without TLS has no other clipboard.
@@ -874,9 +876,8 @@ function watch() {
     if (!viewer.camera.view?.enabled || !isAsWas) applyView();
     drawSheet();
     labelPlots();
-    greyIdle();
+    if (state.frames % LAYOUT_FRAMES === 0) greyIdle();
     gone.hidden = viewer.sendMessage === sendMessage;
-    document.querySelector(HELP)?.setAttribute("aria-label", "Help");
     viewer.canvas.style.cursor = cursorOf();
     if (!state.step || tabOf(state.step)) state.frames += 1;
     if (state.frames === LAYOUT_FRAMES) document.documentElement.classList.add("pv-ready");

@@ -298,7 +298,6 @@ def add_fitting(controls: Controls) -> None:
     controls.dropdown("Search", SEARCHES, partial(_set, "search"), search, SEARCHES_HINT)
     several = {"visible": lambda s: len(s.document.scene.objects) > 1}
     controls.action("search all", disabled=lambda s: s.is_searching, **several)
-    controls.actions("Result", "keep", "revert")
     _add_hiding(controls)
     controls.action("compare", icon="arrows-diff", disabled=lambda s: s.is_searching)
     controls.text(memoize(lambda s: (s.comparison,), lambda s: ends_table(s.comparison)))
@@ -306,6 +305,7 @@ def add_fitting(controls: Controls) -> None:
     controls.choices("Take", takes, visible=lambda s: s.comparison is not None)
     with controls.gui.add_folder("Settings", expand_by_default=False):
         _add_settings(controls)
+    controls.actions("Result", "keep", "revert")
     controls.text(search_text)
     _add_curve(controls)  # last, as it is the highest: all that can be pressed is in sight
 

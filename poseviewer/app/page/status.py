@@ -107,7 +107,7 @@ def loss_bar(session: Session) -> h.Node:
         scale = latest.progress.scale
         marks = {"start": latest.progress.start_loss, "best": latest.progress.loss}
     elif losses is not None and losses.mean is not None and known is not None:
-        scale, pose = known
+        scale, pose, _ = known
         marks = {"start": losses.start, "pose": pose}
         parts = losses.mean.parts_text and f" This pose: {losses.mean.parts_text}."
     else:

@@ -293,9 +293,10 @@ def pace_of_search(progress: SearchProgress) -> str:
     return f"{fit.evaluations} evaluations, restart {fit.restart}, {fit.seconds:.1f} s"
 
 
-def shown_loss(session: Session) -> tuple[LossScale, float] | None:
-    """The loss at the pose with its scale: that of the search that led there, which is in the pose
-    file; else that of the pixels about the pose; None: not known.
+def shown_loss(session: Session) -> tuple[LossScale, float, bool] | None:
+    """The loss at the pose with its scale, and whether another one will follow at once: that of the
+    search that led there, which is in the pose file; else that of the pixels about the pose; None:
+    not known.
     """
     losses, item = session.results.losses, session.document.object
     if losses is None or losses.mean is None:
@@ -303,7 +304,9 @@ def shown_loss(session: Session) -> tuple[LossScale, float] | None:
     scale, result, now = losses.mean.scale, item.result, losses.mean.loss
     is_of_search = result is not None and (result.settings or {}).get("loss") == item.settings.loss
     of_search = result.loss if result is not None and is_of_search else None
-    return scale, now if of_search is None else of_search
+    if of_search is not None:
+        return scale, of_search, False
+    return scale, now, session.is_moving or losses.at_pose != session.at_pose
 
 
 def loss_text(session: Session) -> str:
@@ -316,10 +319,9 @@ def loss_text(session: Session) -> str:
     known = shown_loss(session)
     if losses is None or known is None or not session.document.object.is_placed:
         return ""
-    scale, loss = known
+    scale, loss, is_coarse = known
     text, count = scale.text(loss), len(losses.by_view)
-    if session.is_moving or losses.at_pose != session.at_pose:
-        text = _as_coarse(text)
+    text = _as_coarse(text) if is_coarse else text
     return f"{text} at this pose" + (f", mean of {count} photos" if count > 1 else "")
 
 
