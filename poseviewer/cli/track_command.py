@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from poseviewer.cli import options as table
 from poseviewer.cli.case import calibration_of, load_named_sequence, mask_of
 from poseviewer.cli.terminal import GOES_ON, progress_bar, say, take_all, tell, tell_of_compiling
-from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE, SettingsError
+from poseviewer.errors import EXIT_INTERRUPTED, EXIT_MENDABLE, SettingsError, list_names
 
 if TYPE_CHECKING:
     from poseviewer.scene.types import Scene
@@ -68,7 +68,8 @@ def run(options: Namespace) -> int:
 
     tell_of_compiling()
     scene = _open(options)
-    for note in () if options.quiet else _notes_of(scene):
+    hint = "" if options.paint else _note_of_bare(scene)
+    for note in () if options.quiet else filter(None, (*_notes_of(scene), hint)):
         tell(f"note: {table.in_options(note, OPTIONS)}")
     start, batch = chains.open_chains(scene, options.out, options.paint)
     to_do = batch.to_do()
@@ -106,6 +107,13 @@ def _notes_of(scene: Scene) -> tuple[str, ...]:
     view = scene.views[0]
     notes = (*scene.notes, *(note for item in scene.objects for note in item.notes))
     return tuple(dict.fromkeys(filter(None, (*notes, view.photo.focal_note(view.camera)))))
+
+
+def _note_of_bare(scene: Scene) -> str:
+    """Say which models have no colours, so that paint may help; "": each has some."""
+    bare = dict.fromkeys(i.model.name for i in scene.objects if not i.mesh.has_reflectance)
+    why = "painted from its key a thing with print is followed more exactly, a shiny one less"
+    return f"{list_names([*bare])}: no colours; {why} (--paint)." if bare else ""
 
 
 def _open(options: Namespace) -> Scene:

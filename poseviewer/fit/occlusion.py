@@ -47,8 +47,8 @@ MIN_CROSSING = 1.0
 EDGE_GAP = 0.3
 """Edge support of a piece's border inside the model, above that of the outline that it crosses."""
 MAX_CROSSED = 0.35
-"""Edge support of the outline where an occluder crosses it, at most: there it is not the model's;
-of wrong poses it has 0.4 and more."""
+"""Edge support of the outline where an occluder crosses it at a pose that may be wrong, at most: of
+wrong poses it has 0.4 and more, and of patterned occluders, too."""
 REACH = 1.5
 """Reach beside the model, in square roots of the occluded area; more lets the model grow."""
 MIN_VISIBLE_FRACTION = 0.2
@@ -58,9 +58,17 @@ OcclusionMask = NDArray[np.bool_] | None
 """(height, width): occluded pixels; None where nothing is occluded."""
 
 
-def find_occluded(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> OcclusionMask:
+def find_occluded(
+    photo: PhotoAttributes, renderer: Renderer, pose: Pose, is_known: bool = False
+) -> OcclusionMask:
     """Find the pixels of a photo with structure on which something occludes the model at a pose,
     and those beside the model where its outline is occluded.
+
+    Args:
+        photo: the photo.
+        renderer: renderer of the model.
+        pose: where the model may be.
+        is_known: whether it is there to a few px, as in the next photo of a film.
     """
     image = renderer.render(level_pose(pose, photo.factor))
     covered = image.mask & (photo.weights > 0.0)
@@ -72,7 +80,7 @@ def find_occluded(photo: PhotoAttributes, renderer: Renderer, pose: Pose) -> Occ
     odds = _log_odds(photo, covered, beside, model)
     occluded = np.zeros(covered.shape, bool)
     for piece in _pieces(odds > 0.0, covered):
-        if _is_occluder(photo, piece, image.mask):
+        if _is_occluder(photo, piece, image.mask, 1.0 if is_known else MAX_CROSSED):
             occluded |= piece
     left = np.count_nonzero(covered & ~occluded)
     if not occluded.any() or left < MIN_VISIBLE_FRACTION * covered.sum():
@@ -160,7 +168,10 @@ def _pieces(mask: NDArray[np.bool_], covered: NDArray[np.bool_]) -> list[NDArray
 
 
 def _is_occluder(
-    photo: PhotoAttributes, piece: NDArray[np.bool_], model: NDArray[np.bool_]
+    photo: PhotoAttributes,
+    piece: NDArray[np.bool_],
+    model: NDArray[np.bool_],
+    max_crossed: float,
 ) -> bool:
     """Tell whether the photo has edges about a ``piece``, but none where it crosses the outline."""
     square = np.ones((3, 3), np.uint8)
@@ -171,7 +182,7 @@ def _is_occluder(
     near = cv2.dilate(piece.astype(np.uint8), square)
     own = outline_support(photo.channels, photo.weights * inside, piece)
     crossed = outline_support(photo.channels, photo.weights * near, model)
-    return crossed <= MAX_CROSSED and own - crossed >= EDGE_GAP
+    return crossed <= max_crossed and own - crossed >= EDGE_GAP
 
 
 def _nearest_to(occluded: NDArray[np.bool_], model: NDArray[np.bool_]) -> NDArray[np.bool_]:

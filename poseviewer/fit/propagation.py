@@ -623,7 +623,7 @@ class _Chain:
             if problem.loss.has_structure:
                 pose = problem.chart.to_pose(problem.start)
                 if problem.settings.in_front == "find":
-                    view = view.without(find_occluded(view.photo, renderer, pose))
+                    view = view.without(find_occluded(view.photo, renderer, pose, is_known=True))
                 photo, drawn = view.photo, model_mask(view.photo, renderer, pose)
                 loss = pose_loss(replace(problem, views=(view,)), renderer, problem.start)
                 outline = outline_support(photo.channels, photo.weights, drawn)
@@ -654,7 +654,7 @@ class _Chain:
         is_looked_for = problem.loss.has_structure and problem.settings.in_front == "find"
         is_as_at_key = key and ends[0][0].unexplained <= key.unexplained + MAX_OPEN_RISE
         if is_looked_for and not is_as_at_key:
-            mask = find_occluded(view.photo, renderer, prior.poses.pose)
+            mask = find_occluded(view.photo, renderer, prior.poses.pose, is_known=True)
             before, shape = track.occluded, view.photo.weights.shape
             if mask is None and before is not None and before.shape == shape:
                 mask = before  # it may still be there, and only not be told

@@ -1,6 +1,7 @@
 """``poseviewer paint`` and ``track --paint``."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import trimesh
 from poseviewer.api import make_registration
 from poseviewer.files.scene_json import load_scene
 from tests.commands import refusal, run
-from tests.moving import ball, box, off, sequence, write_sequence
+from tests.moving import BALL, ball, box, off, sequence, write_sequence
 
 
 def colours_of(path) -> dict[str, np.ndarray]:
@@ -67,12 +68,26 @@ def test_a_pose_file_paints_its_model(tmp_path, capsys):
     assert "--model with scene.json" in refusal(capsys, "paint", path, out, "--overwrite", *named)
 
 
-def test_what_no_photo_shows_is_refused_in_a_sentence(tmp_path, capsys):
-    path = write_sequence(tmp_path, sequence({0: [ball(0)]}, count=2))
+def without_keys(path: Path) -> Path:
     scene = json.loads(path.read_text())
     for frame in scene["frames"]:
         frame.pop("poses", None)
     path.write_text(json.dumps(scene))
+    return path
+
+
+def test_a_track_says_that_paint_may_help_a_model_without_colours(tmp_path, capsys):
+    path = without_keys(write_sequence(tmp_path, sequence({0: [ball(0)]}, count=2)))
+    words = "track", path, "--out", tmp_path / "out"
+    assert "no colours" not in refusal(capsys, *words)
+    trimesh.Trimesh(BALL.vertices, BALL.faces, process=False).export(tmp_path / "a.ply")
+    for more, is_said in (((), True), (("--paint",), False)):
+        assert run(*words, *more) == 2
+        assert ("a.ply: no colours; painted from" in capsys.readouterr().err) is is_said
+
+
+def test_what_no_photo_shows_is_refused_in_a_sentence(tmp_path, capsys):
+    path = without_keys(write_sequence(tmp_path, sequence({0: [ball(0)]}, count=2)))
     assert "no key to paint it from" in refusal(capsys, "paint", path, tmp_path / "out.glb")
 
 

@@ -81,7 +81,14 @@ def put_specks(_: int, pixels: Pixels) -> Pixels:
     return pixels
 
 
-@pytest.mark.parametrize("change", [blur, switch_light, put_specks])
+def roll_shutter(_: int, pixels: Pixels) -> Pixels:
+    """The camera moves to the right by 3 px while it reads its rows."""
+    height, width = pixels.shape[:2]
+    shear = np.array([[1.0, 3.0 / height, -1.5], [0.0, 1.0, 0.0]])
+    return np.asarray(cv2.warpAffine(pixels, shear, (width, height)), np.uint8)
+
+
+@pytest.mark.parametrize("change", [blur, switch_light, put_specks, roll_shutter])
 def test_a_right_track_goes_on(change: Callable[[int, Pixels], Pixels]):
     steps, ends = run(film(change))
     assert [step.note for step in steps if step.note] == []
@@ -115,9 +122,9 @@ def test_a_wrong_track_ends_and_says_why(change: Callable[[int, Pixels], Pixels]
 def test_nothing_is_looked_for_in_front_where_the_photo_is_explained_as_at_the_key(monkeypatch):
     asked = []
 
-    def find(*about: Any) -> Any:
+    def find(*about: Any, **how: Any) -> Any:
         asked.append(about)
-        return find_occluded(*about)
+        return find_occluded(*about, **how)
 
     monkeypatch.setattr(propagation, "find_occluded", find)
     _, ends = run(film(lambda _, pixels: pixels))

@@ -70,6 +70,30 @@ def test_a_post_is_told_from_the_car_behind_it(demo, behind_slab):
     assert np.mean(full[covered & post]) > 10 * np.mean(full[covered & ~post])
 
 
+def test_a_patterned_post_is_told_where_the_pose_is_known(demo):
+    """Its own edges cross the car's outline, as those of things beside a wrong pose do."""
+    case, truth = demo
+    pixels = case.photo.pixels.copy()
+    left, right = SLAB
+    random = np.random.default_rng(3)
+    tiles = random.integers(30, 220, (pixels.shape[0] // 24 + 1, (right - left) // 24 + 1, 3))
+    pattern = np.kron(tiles, np.ones((24, 24, 1)))[: pixels.shape[0], : right - left]
+    pixels[:, left:right] = pattern
+    view = replace(case.views[0], file=PhotoFile.of(replace(case.photo, pixels=pixels)))
+    photo = make_registration(replace(case.scene, views=(view,)), case.renderer).problem.photo
+    assert find_occluded(photo, case.renderer, truth) is None
+    hidden = find_occluded(photo, case.renderer, truth, is_known=True)
+    assert hidden is not None
+    size = photo.weights.shape[::-1]
+    post = np.zeros(case.photo.pixels.shape[:2], np.uint8)
+    post[:, left:right] = 1
+    post = np.asarray(cv2.resize(post, size, interpolation=cv2.INTER_NEAREST), bool)
+    covered = case.renderer.render(truth).mask
+    covered = np.asarray(cv2.resize(covered.astype(np.uint8), size, interpolation=0), bool)
+    assert np.mean(hidden[covered & post]) > 0.5
+    assert np.mean(hidden[covered & ~post]) < 0.1
+
+
 def test_what_is_hidden_does_not_count_on_any_level(demo, behind_slab):
     _, truth = demo
     problem = behind_slab.problem

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -9,15 +10,17 @@ from poseviewer.api import make_registration
 from poseviewer.errors import SettingsError
 from poseviewer.fit.painting import PosedPhoto, paint_mesh, paint_object
 from poseviewer.geometry.camera import Camera, Parallel, Pose
+from poseviewer.geometry.image import Photo
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.geometry.normals import face_normals_and_areas
 from poseviewer.geometry.painted_model import Painting
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.software.software_renderer import SoftwareRenderer
-from poseviewer.scene.assets import ModelFile
+from poseviewer.scene.assets import ModelFile, PhotoFile
+from poseviewer.scene.sequence import with_frames
 from poseviewer.scene.types import PlacedModel
 from tests.meshes import make_box, make_mesh, make_printed, make_sphere
-from tests.moving import ball, box, off, sequence
+from tests.moving import BALL, ball, box, off, sequence
 from tests.several import CAMERA, lit_models
 
 LIGHT = np.array([0.4, -0.7, -0.6])
@@ -113,6 +116,19 @@ def test_a_hand_in_one_of_three_photos_paints_nothing():
     assert np.mean(away > 0.15) < 0.02
 
 
+def test_a_highlight_that_moves_paints_nothing():
+    """It stays where it is in the photo, while the box turns."""
+    photos = [photo_of(PRINTED, pose_at(turn)) for turn in (0.2, 0.6, 1.0)]
+    rows, columns = np.mgrid[:240, :320]
+    glare = np.exp(-((columns - 150) ** 2 + (rows - 120) ** 2) / 80.0)[..., None]
+    shiny = [replace(own, pixels=np.fmin(own.pixels + glare, 1).astype("f4")) for own in photos]
+    three, one = (
+        np.abs(paint_mesh(BARE, shiny[:n]).mesh.colours - paint_mesh(BARE, photos[:n]).mesh.colours)
+        for n in (3, 1)
+    )
+    assert np.mean(three > 0.15) < 0.5 * np.mean(one > 0.15)
+
+
 def test_a_parallel_camera_paints_as_well():
     camera = Parallel(70.0, 160.5, 120.5, 320, 240)
     assert_shows_the_print(paint_mesh(BARE, [photo_of(PRINTED, pose_at(0.6, camera))]))
@@ -146,6 +162,32 @@ def test_a_sequence_is_painted_from_its_keys_alone():
     assert paint_object(scene, 0).photos == ("0.png", "4.png")
     with pytest.raises(SettingsError, match="no key to paint it from"):
         paint_object(replace(scene, frames=tuple(replace(f, poses={}) for f in scene.frames)), 0)
+
+
+def in_mirror(index: int, photo: Photo) -> Photo:
+    """The ball shows its surroundings, which do not turn with it."""
+    shown = SoftwareRenderer(BALL).render(ball(index).pose)
+    around = np.random.default_rng(5).uniform(0.0, 255.0, (24, 48, 3)).astype(np.uint8)
+    around = np.asarray(cv2.resize(around, (480, 240), interpolation=cv2.INTER_CUBIC))
+    side = np.arctan2(shown.normals[..., 0], -shown.normals[..., 2]) / np.pi
+    column, row = (240 + 239 * side).astype(int), (120 + 119 * shown.normals[..., 1]).astype(int)
+    return replace(photo, pixels=np.where(shown.mask[..., None], around[row, column], photo.pixels))
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_paint_of_a_mirror_confirms_nothing_wrong():
+    scene = sequence({0: [ball(0)]})
+    files = [PhotoFile.of(in_mirror(i, own.file.photo)) for i, own in enumerate(scene.frames)]
+    frames = [replace(own, file=file) for own, file in zip(scene.frames, files, strict=True)]
+    scene = with_frames(replace(scene, views=(replace(scene.views[0], file=files[0]),)), frames)
+    grey = replace(BALL, colours=np.full_like(BALL.colours, 0.6))
+    scene = scene.with_object(0, model=ModelFile.of(grey, name="a"))
+    tracked = make_registration(scene, object_index=0).paint().track().scene
+    results = {i: own.poses["a"].result for i, own in enumerate(tracked.frames) if "a" in own.poses}
+    known = [(i, own.verdict.label) for i, own in results.items() if own and own.verdict]
+    assert (1, "found") in known
+    assert all(off(tracked, i, ball(i)) < (1.0 if it == "found" else 2.0) for i, it in known)
 
 
 @pytest.mark.slow

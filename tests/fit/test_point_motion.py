@@ -67,6 +67,24 @@ def test_what_has_too_few_points_or_other_ones_tells_nothing():
     assert follow_points(before, after, PlacedModel(CAN, replace(TRUTH, camera=parallel))) is None
 
 
+def test_a_single_corner_tells_nothing():
+    before, after = (np.full((240, 320), 90, np.uint8) for _ in range(2))
+    column, row = (round(float(at)) for at in TRUTH.project(CAN.centre))
+    before[row - 4 : row, column - 4 : column] = after[
+        row - 3 : row + 1, column - 2 : column + 2
+    ] = 220
+    assert follow_points(before, after, PlacedModel(CAN, TRUTH)) is None
+
+
+def test_a_still_background_behind_a_wrong_pose_holds_the_model_where_it_is():
+    """What points on the background tell is their own motion, and how exactly."""
+    background = np.random.default_rng(2).integers(0, 255, (60, 80)).astype(np.uint8)
+    still = np.kron(background, np.ones((4, 4), np.uint8))
+    told = follow_points(still, still, PlacedModel(CAN, TRUTH))
+    assert told is not None
+    assert pose_error(CAN, told.pose, TRUTH).percent < 0.1
+
+
 def test_points_on_something_in_front_do_not_move_the_model():
     """A board with another picture stands still before half of the can, which moves."""
     truth = moved(4.0, (0.06, 0.0, 0.0))

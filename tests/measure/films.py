@@ -1,9 +1,9 @@
 """Films with known poses: ``python -m tests.measure.films [NAME ...] [--every N] [--frames N]``.
 
 A row per film: how many frames have a pose and are ``found``, how far these are off, and frames a
-second. The only key is in the first frame. Errors are mean distances of the model's vertices in the
-photo, in % of the diagonal of its box there. ``--by points`` adds the points' motions without any
-search, ``--by loss`` searches without points.
+second. The only key is in the first frame, unless ``--keys`` names others. Errors are mean
+distances of the model's vertices in the photo, in % of the diagonal of its box there. ``--by
+points`` adds the points' motions without any search, ``--by loss`` searches without points.
 """
 
 import argparse
@@ -102,7 +102,7 @@ def add_motions(chain: Registration, last: int) -> Registration:
 
 def measure(
     name: str, every: int, count: int | None, verbose: bool, by: str = "both",
-    is_painted: bool = False,
+    is_painted: bool = False, keys: Sequence[int] = (),
 ) -> tuple[str, ...]:  # fmt: skip
     """Track from the first frame, compare with the truth, and return a row of the table."""
     film = KNOWN[name]
@@ -113,6 +113,12 @@ def measure(
         calibration=FILMS / film.camera,
     )  # fmt: skip
     last = len(truths) - 1
+    at_first = chain.pose if film.key else None
+    for index in keys:
+        matrix = truths[index]
+        if at_first is not None:
+            matrix = matrix @ np.linalg.inv(truths[0]) @ at_first.camera_from_model.as_matrix()
+        chain = chain.with_key(index, _pose_at(FILMS / film.camera, matrix))
     if is_painted:
         chain = chain.paint()
     began, notes = time.perf_counter(), list[str]()
@@ -161,9 +167,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--frames", type=int, help="only the first N frames")
     parser.add_argument("--by", choices=("both", "points", "loss"), default="both")
     parser.add_argument("--paint", action="store_true", help="paint the model from the key")
+    parser.add_argument("--keys", type=int, nargs="*", default=(), help="more keys, true poses")
     parser.add_argument("--verbose", action="store_true")
     options = parser.parse_args(arguments)
-    how = options.every, options.frames, options.verbose, options.by, options.paint
+    how = options.every, options.frames, options.verbose, options.by, options.paint, options.keys
     rows = [measure(name, *how) for name in options.names or KNOWN]
     print(Table(f"Films from one key, by {options.by}", HEAD, tuple(rows)).as_markdown())
 

@@ -14,6 +14,7 @@ from poseviewer.app.state.document import label_of
 from poseviewer.app.state.frame_edits import FrameCommand
 from poseviewer.app.state.session import Session
 from poseviewer.confidence.pose_covariance import PoseCovariance
+from poseviewer.errors import list_names
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.scene.types import Frame, FramePose
 
@@ -113,10 +114,10 @@ def _frame_text(session: Session, index: int) -> str:
 
 
 def _progress_text(session: Session) -> str:
-    """Say how far a propagation is, or how it ended."""
-    progress = session.propagation
+    """Say how far a propagation is, or how it ended; else which keys the model is painted from."""
+    progress, painting = session.propagation, session.document.object.painting
     if progress is None:
-        return ""
+        return "" if painting is None else f"painted from {list_names(painting.photos, 3)}"
     if session.preparation is not None:
         return "waiting to begin"
     mends = progress.request.key is not None

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from poseviewer.app.page.time_line import time_line
 from poseviewer.app.state.edits import undo
 from poseviewer.app.state.frame_edits import edit_frames
 from poseviewer.app.state.objects import unpaint
@@ -44,6 +45,8 @@ def test_painting_is_a_step_that_is_undone_or_taken_away():
     assert item.drawn_mesh is item.painting.mesh
     assert item.mesh is before.document.mesh
     assert session.drawn != before.drawn  # it is drawn anew
+    assert "painted from 0000.png" in time_line(session)
+    assert "painted" not in time_line(before)
     assert after(session, undo()).document.object.painting is None
     bare = after(session, unpaint())
     assert bare.document.object.painting is None
