@@ -15,7 +15,7 @@ from poseviewer.app.page.page import Page
 from poseviewer.app.page.reports import newest_drags
 from poseviewer.app.page.texts import pace_text
 from poseviewer.app.reviewing import Reviewer
-from poseviewer.app.state.document import Document
+from poseviewer.app.state.document import Document, verdict_of
 from poseviewer.app.state.edits import (
     AskNumbers,
     Edit,
@@ -52,6 +52,7 @@ _log = logging.getLogger(__name__)
 
 ENDS = "Esc stops it"
 """Note below what is being done."""
+LOST_SAVED = "Verdict lost: saved all the same."
 IDLE_S = 0.25
 """Longest period of the loop: a drawing or an autosave may be due by then."""
 SWITCH_INTERVAL_S = 0.001
@@ -182,7 +183,9 @@ class App:
             return
         path, *wheels = self._autosaver.save(self.session, on_taken == "beside")
         beside = (f"The model's wheels, marked by hand: {file}" for file in wheels)
-        self._page.tell(f"Saved {path.name}", str(path), *beside)
+        verdicts = {verdict_of(item) for item in self.session.document.scene.objects}
+        doubt = (LOST_SAVED,) if "lost" in verdicts else ()
+        self._page.tell(f"Saved {path.name}", *doubt, str(path), *beside)
         self._edit(set_fields(saved=self.session.document))
 
     def _work(self) -> None:

@@ -25,12 +25,14 @@ def test_after_a_crash_page_and_session_come_back(browser: Browser, tmp_path: Pa
         tab.page.evaluate("document.activeElement.blur()")
         tab.page.keyboard.press("Space")
         app.kill()
+        tab.wait_for_text("Your work is kept")
     port = int(app.url.partition("/?")[0].rpartition(":")[2])
     with AppProcess(tmp_path, *files, port=port) as again, tab:
         with tab.page.expect_popup() as later:  # as the new app has the browser open it
             tab.page.evaluate(f"open({again.url!r})")
         tab.page.wait_for_url(again.url)
         later.value.close()
+        tab.page.get_by_text("Your work is kept").wait_for(state="hidden")
         tab.page.get_by_text(OFFER).wait_for()
         assert tab.page.get_by_role("dialog").count() == 0
         tab.page.keyboard.press("Shift+ArrowRight")  # what is open can be worked on

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser
 
+from poseviewer import __version__
 from poseviewer.app.below_viser.guard import serve
 from poseviewer.app.page.controls import plain
 from tests.app.browser import READY, AppPage
@@ -86,7 +87,7 @@ def test_first_the_page_says_what_it_is_and_then_what_to_do(
     page.wait_for_function(f"document.body && {FIRST_WORDS}.includes('poseviewer finds')")
     page.wait_for_function(READY)
     assert page.evaluate(FIRST_WORDS) == "none"
-    page.get_by_text("Finds where a known 3D model stands").wait_for()
+    page.get_by_text("Finds a known 3D model in a photo").wait_for()
     page.close()
 
 
@@ -131,3 +132,57 @@ def test_no_label_is_squeezed_and_the_plots_last_number_is_whole(page: AppPage) 
     for step in range(1, 6):
         page.open_step(step)
         assert page.page.evaluate(SQUEEZED) == []
+
+
+def test_the_icon_opens_help_with_colours_and_not_the_developers_panel(page: AppPage) -> None:
+    page.page.get_by_role("button", name="Help", exact=True).click()
+    dialog = page.page.get_by_role("dialog")
+    dialog.get_by_role("columnheader", name="what it does").wait_for()
+    dialog.get_by_text(f"poseviewer {__version__}").wait_for()
+    parts = dialog.get_by_role("button", name="Close"), dialog.get_by_role("table")
+    close, table = (part.evaluate("node => node.getBoundingClientRect().top") for part in parts)
+    assert close < table  # in sight, however long the table is
+    assert page.page.get_by_text("Scene tree").filter(visible=True).count() == 0
+    for colours in ("Dark", "Light"):
+        dialog.get_by_role("button", name=colours).click()
+        page.page.locator(f"html[data-mantine-color-scheme={colours.lower()}]").wait_for()
+    dialog.get_by_role("button", name="Dark").click()
+    page.page.keyboard.press("Escape")
+    dialog.wait_for(state="hidden")
+    page.page.locator("html[data-mantine-color-scheme=dark]").wait_for()
+
+
+def test_a_second_tab_says_that_it_is_one(
+    browser: Browser, running: RunningApp, page: AppPage
+) -> None:
+    said = page.page.get_by_text("open in 2 tabs")
+    assert said.count() == 0
+    with AppPage(browser, running.url) as other:
+        other.wait_for_text("open in 2 tabs")
+        said.wait_for()
+    said.wait_for(state="hidden")
+
+
+def test_a_narrow_window_leaves_its_room_to_the_photo(page: AppPage) -> None:
+    maps = page.page.locator(".pv-land")
+    maps.wait_for()
+    page.page.set_viewport_size({"width": 800, "height": 600})
+    page.until(lambda: page.view()["box"][2] > 400)
+    assert page.page.locator("html[data-mantine-color-scheme=dark]").count() == 1  # as was chosen
+    page.page.set_viewport_size({"width": WINDOW[0], "height": WINDOW[1]})
+    maps.wait_for()
+
+
+def test_the_tab_survives_a_reload(browser: Browser, running: RunningApp) -> None:
+    with AppPage(browser, running.url) as tab:
+        tab.open_step(4)
+        tab.page.reload()
+        tab.page.locator("[role=tab][aria-selected=true]", has_text="Judge").wait_for()
+
+
+def test_on_a_phone_the_page_says_that_it_needs_a_mouse(
+    browser: Browser, running: RunningApp
+) -> None:
+    with AppPage(browser, running.url, has_touch=True, is_mobile=True) as tab:
+        said = "getComputedStyle(document.querySelector('.pv-hint'), '::before').content"
+        assert "need a mouse" in tab.page.evaluate(said)

@@ -104,7 +104,7 @@ def test_the_page_offers_it_for_fits_and_for_maps(scene, own):
     assert menus["Loss"].options == tuple(loss.label for loss in LOSSES.values())
     assert label in menus["Loss"].options
     assert menus["Loss"].value == label
-    assert label in menus["Loss of"].options
+    assert label in menus["Maps of"].options
 
 
 def test_maps_show_it_alone_and_beside_the_others(scene, own):

@@ -338,7 +338,7 @@ def make_methods(folder: Path) -> None:
     """The paper's search under way on the demo, with the maps of both losses."""
     with open_app(folder, size=LARGE) as tab:
         tab.open_step(3)
-        for label, option in (("Loss", "Paper (2010)"), ("Loss of", "all")):
+        for label, option in (("Loss", "Paper (2010)"), ("Maps of", "all")):
             tab.page.get_by_label(label, exact=True).click()
             tab.page.get_by_role("option", name=option, exact=True).click()
         tab.page.mouse.move(600, 60)  # no tooltip stays

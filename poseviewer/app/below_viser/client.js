@@ -33,7 +33,7 @@ const state = {
   anchor: [0, 0], // point of the photo, px, that follows the pointer in a pan
   sequence: Date.now(), // makes reports differ: viser drops repeated ones, also of earlier pages
   sent: "", // name of the last upload
-  step: CONFIG.first, // to be opened once its tab exists
+  step: sessionStorage.getItem("step") ?? CONFIG.first, // to be opened once its tab exists
   frames: 0, // since the tabs exist
 };
 const LAYOUT_FRAMES = 15; // in which viser lays out the panels
@@ -318,6 +318,7 @@ const [handles, strokes, hovered] = sheet.children;
 const pen = {
   shape: "", // "brush", "polygon", "scribble"
   erases: false, // unless alt or shift is held
+  isIdle: true, // drags hold the model
   radius: 18, // of the brush, CSS px
   at: null, // the pointer, photo px
   now: null, // stroke under way: {shape, points (photo px), radius (photo px), erase}
@@ -329,9 +330,26 @@ const STEP = 1.5; // CSS px between a stroke's points
 const NEAR = 9; // CSS px: a press within this distance of the first corner closes a polygon
 const LASSO = 12; // points: a longer drag closes its polygon when the button goes up
 
-function setPen(shape, erases) {
+function setPen(shape, erases, isIdle) {
   if (shape !== pen.shape) pen.now = null;
-  Object.assign(pen, { shape, erases });
+  Object.assign(pen, { shape, erases, isIdle });
+}
+
+// The cursor shows what a drag would do: move, turn or roll.
+const picture = (path) => `url("data:image/svg+xml,${encodeURIComponent(
+  `<svg xmlns="http://www.w3.org/2000/svg" width="24" height="24" fill="none" stroke-linecap="round"
+  ><path d="${path}" stroke="#000" stroke-width="4.4"/><path d="${path}" stroke="#fff"
+  stroke-width="2"/></svg>`)}") 12 12, grab`;
+const CURSORS = {
+  plain: "grab",
+  shift: picture("M3 12h18M6 9l-3 3 3 3M18 9l3 3-3 3M12 3v18M9 6l3-3 3 3M9 18l3 3 3-3"),
+  ctrl: picture("M20 12a8 8 0 11-3-6.200M17.500 1.500v4.500h-4.500"),
+};
+function cursorOf() {
+  if (state.pointer === "pan") return "move";
+  if (!pen.isIdle) return "crosshair";
+  const drag = CURSORS[bar.dataset.held];
+  return drag === "grab" && state.pointer ? "grabbing" : drag;
 }
 
 const isErasing = (event) => pen.erases !== (event.altKey || event.shiftKey);
@@ -613,10 +631,16 @@ const isOpen = (step) => tabOf(step)?.ariaSelected === "true";
 
 // Open a step; give whether it is open.
 function openStep(step) {
+  sessionStorage.setItem("step", step); // a page that is loaded again opens it
   tabOf(step)?.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter", bubbles: true }));
   tabOf(step)?.click();
   return isOpen(step);
 }
+
+addEventListener("click", (event) => {
+  const step = event.target.closest?.("[role=tab]")?.textContent;
+  if (event.isTrusted && CONFIG.steps.includes(step)) sessionStorage.setItem("step", step);
+}, true);
 
 const CLICK = 4; // CSS px that a press may move before it turns what it is on
 // Presses, also by Enter or space, on elements with a report: sent with the point, in shares of the
@@ -681,6 +705,24 @@ function labelPlots() {
   }
 }
 
+// The icon of viser's own settings, which are a developer's, opens our help.
+const HELP = ".mantine-ActionIcon-root:has(.tabler-icon-adjustments)";
+addEventListener("click", (event) => {
+  if (!event.target.closest?.(HELP)) return;
+  consume(event);
+  send({ kind: "key", code: "?", key: "?" });
+}, true);
+
+// Buttons that would do nothing now are grey: by their labels, since viser disables no groups.
+let idle = [];
+function greyIdle() {
+  for (const button of document.querySelectorAll(".mantine-Button-root")) {
+    const isIdle = idle.includes(button.textContent.trim()) ? "true" : null;
+    if (button.ariaDisabled !== isIdle) button.ariaDisabled = isIdle;
+  }
+  document.querySelector(HELP)?.setAttribute("aria-label", "Help");
+}
+
 // Texts are copied through a field: a page without TLS has no other clipboard.
 addEventListener("click", (event) => {
   const node = event.target.closest?.("[data-copy]");
@@ -700,13 +742,25 @@ const light = matchMedia("(prefers-color-scheme: light)");
 const USUAL = 14.8; // px: viser's text at the browser's default size
 const textSize = () =>
   Math.max(1, parseFloat(getComputedStyle(document.documentElement).fontSize) / USUAL);
-const sendTheme = () => send({ kind: "theme", light: light.matches, text: textSize() });
-light.addEventListener("change", sendTheme);
+const narrow = matchMedia("(max-width: 999px)"); // there the photo needs the maps' room
+const sendTheme = () => send({
+  kind: "theme", light: light.matches, text: textSize(), narrow: narrow.matches,
+});
+for (const query of [light, narrow]) query.addEventListener("change", sendTheme);
 
 // --- what lies over the photo -------------------------------------------------------------------
 const bar = document.createElement("div");
 bar.className = "pv-hint";
 bar.dataset.held = "plain";
+
+// Without a server the page waits for one; a second tab says that it is one.
+const gone = document.createElement("div");
+gone.className = "pv-gone";
+gone.role = "alert";
+gone.innerHTML = "<b>poseviewer has ended, or is out of reach.</b> Your work is kept: start it " +
+  "again, and this page comes back by itself.";
+const tabs = document.createElement("div");
+tabs.className = "pv-tabs";
 
 // Several photos: small ones below the large one.
 const strip = document.createElement("div");
@@ -813,7 +867,7 @@ function watch() {
     const host = viewer.canvas.parentElement;
     if (bar.parentElement !== host) {
       host.style.position = "relative";
-      host.append(sheet, bar);
+      host.append(sheet, bar, tabs, gone);
       host.after(strip); // the canvas ends where it begins
     }
     host.style.height = `calc(100% - ${strip.offsetHeight}px)`;
@@ -822,7 +876,9 @@ function watch() {
     if (!viewer.camera.view?.enabled || !isAsWas) applyView();
     drawSheet();
     labelPlots();
-    viewer.canvas.style.cursor = pen.shape ? "crosshair" : "";
+    if (state.frames % LAYOUT_FRAMES === 0) greyIdle();
+    gone.hidden = viewer.sendMessage === sendMessage;
+    viewer.canvas.style.cursor = cursorOf();
     if (!state.step || tabOf(state.step)) state.frames += 1;
     if (state.frames === LAYOUT_FRAMES) document.documentElement.classList.add("pv-ready");
     if (state.step && openStep(state.step)) state.step = "";
@@ -838,6 +894,10 @@ window.poseviewer = {
   setHint(html) { bar.innerHTML = html; },
   setHandles(svg) { handles.innerHTML = svg; },
   setTimes(known) { times = known; },
+  setIdle(labels) { idle = labels; },
+  setTabs(count) {
+    tabs.textContent = count > 1 ? `open in ${count} tabs, which all show the same work` : "";
+  },
   setPen, forgetStrokes, setPictures, setStrip, photoFromCanvas, zoomAt, showAll,
   sent: () => state.sent,
   unsent,

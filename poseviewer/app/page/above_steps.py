@@ -4,7 +4,6 @@ import htpy as h
 
 from poseviewer.app.page.controls import Controls, as_html, on_press, plain
 from poseviewer.app.state.document import label_of, verdict_of
-from poseviewer.app.state.edits import cancel_drag
 from poseviewer.app.state.session import Session
 from poseviewer.errors import percent
 from poseviewer.geometry.mesh import Mesh
@@ -94,12 +93,6 @@ def add_preparing(controls: Controls) -> None:
     )
 
 
-def add_working(controls: Controls) -> None:
-    """A button that stops what is being read or drawn, which a notice over the photo tells of."""
-    at_work = lambda s: s.is_at_work  # noqa: E731
-    controls.button("Stop (Esc)", cancel_drag(), icon="player-stop", visible=at_work)
-
-
 def parts_left_out(mesh: Mesh) -> str:
     """The parts that are left out, each with a button that brings it back (HTML)."""
     back = "Bring back"
@@ -108,28 +101,3 @@ def parts_left_out(mesh: Mesh) -> str:
         for index, name in enumerate(mesh.left_out)
     ]
     return as_html(rows and h.div(".pv-parts")["Left out of the model:", h.ul[rows]])
-
-
-def loss_bar(session: Session) -> str:
-    """HTML; empty while nothing is known. The tooltip says what light, classes and edges leave."""
-    losses, latest = session.results.losses, session.own_progress
-    if not session.document.object.is_placed:
-        return ""
-    pose, parts = None if losses is None else losses.mean, ""
-    marks: dict[str, float | None] = {}  # the later over the earlier ones, and smaller
-    if latest is not None and session.is_searching:
-        scale = latest.progress.scale
-        marks = {"start": latest.progress.start_loss, "best": latest.progress.loss}
-    elif losses is not None and pose is not None:
-        scale, marks = pose.scale, {"start": losses.start}
-    else:
-        return ""
-    if pose is not None and not session.is_searching:  # of a search's poses the parts are not asked
-        marks["pose"] = pose.loss
-        parts = f" This pose: {pose.parts_text}." if pose.parts_text else ""
-    known = {name: scale.as_unexplained(loss) for name, loss in marks.items() if loss is not None}
-    line = [h.i(f".pv-{name}", style=f"left:{100.0 * at:.1f}%") for name, at in known.items()]
-    key = [h.span[h.i(f".pv-{name}"), name] for name in known]
-    said = f"What is unexplained: 0, nothing is, to 1, all is.{parts}"
-    bar = h.div[h.span["0"], h.div(".pv-line")[line], h.span["1"]]
-    return as_html(h.div(".pv-loss", title=said)[bar, h.div[key]])

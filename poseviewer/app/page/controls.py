@@ -260,7 +260,13 @@ class Controls:
         self.button(label, lambda _, client: download(what, client), icon=icon, **options)
 
     def upload(
-        self, label: str, kind: Kind | None, icon: Any, adds: bool = False, accepted: str = ""
+        self,
+        label: str,
+        kind: Kind | None,
+        icon: Any,
+        adds: bool = False,
+        accepted: str = "",
+        hint: str | None = None,
     ) -> None:
         """A button that takes files of a kind, or (None) a folder, and what is dropped.
 
@@ -270,9 +276,11 @@ class Controls:
             icon: name of its picture.
             adds: whether models are further objects.
             accepted: endings that the file chooser offers, by default those of the kind.
+            hint: tooltip.
         """
         accepted = accepted or ("folder" if kind is None else ",".join(ACCEPTED[kind]))
-        handle = self.gui.add_upload_button(label, mime_type=accepted, icon=icon, color="gray")
+        options: Any = {"mime_type": accepted, "icon": icon, "color": "gray", "hint": hint}
+        handle = self.gui.add_upload_button(label, **options)
 
         def request(client: int) -> Request:
             file = take_upload(handle)

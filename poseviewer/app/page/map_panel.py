@@ -38,6 +38,10 @@ PALETTE: NDArray[np.uint8] = cv2.applyColorMap(
     np.linspace(255, 0, LEVELS).round().astype(np.uint8)[:, None], cv2.COLORMAP_VIRIDIS
 )[:, 0, ::-1].astype(np.uint8)
 """(LEVELS, 3) sRGB, the lowest loss first: viridis, safe for the colour-blind, reversed."""
+MAP_SAYS = (
+    "{}: how well the photo is explained as these two change, one to the right, the other upwards. "
+    "The cross is the pose; yellow is better. A press moves the pose there."
+)
 MAX_TRAIL = 60
 """Points of a trail that are drawn, at most, on each map."""
 MIN_COLUMNS = 4
@@ -129,7 +133,7 @@ class LossGrid:
         place = {"x": start, "y": start, "width": side, "height": side}
         return h.div(".pv-cell", style=style)[
             h.svg(pick, viewBox="0 0 100 100")[
-                h.title[what, least and f": lowest {least.loss:.3f}"],
+                h.title[MAP_SAYS.format(what), least and f" Lowest: {least.loss:.3f}."],
                 h.image(place, href=_png_url(piece), preserveAspectRatio="none"),
                 self._markers(piece),
             ],
@@ -254,10 +258,10 @@ def add_maps(controls: Controls) -> None:
     waiting = "Drawing the maps ..."
     controls.text(lambda s: plain(s.results.maps_note) or ("" if maps.content else waiting))
     labels = {name: loss.label for name, loss in LOSSES.items()}
-    choices: dict[MappedLoss, str] = {"chosen": "selected loss", **labels, "all": "all"}
+    choices: dict[MappedLoss, str] = {"chosen": "the one of the search", **labels, "all": "all"}
     mapped = attrgetter("display.mapped_loss")
     controls.dropdown(
-        "Loss of", choices, lambda loss: set_fields("display", mapped_loss=loss), mapped
+        "Maps of", choices, lambda loss: set_fields("display", mapped_loss=loss), mapped
     )
     controls.field(
         gui.add_slider("Range ± %", 1.0, 50.0, 1.0, 20.0),

@@ -1,24 +1,25 @@
 """The page: panels left and right, the photo in the middle, notices; brought to each session."""
 
-import time
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import viser
 
+from poseviewer import __version__
 from poseviewer.app.below_viser.client_script import ClientScript
 from poseviewer.app.below_viser.incoming import check_incoming
-from poseviewer.app.page.above_steps import add_preparing, add_working, objects_list
+from poseviewer.app.page.above_steps import add_preparing, objects_list
 from poseviewer.app.page.controls import Controls, Post, on_page, plain
 from poseviewer.app.page.handles import handles_of
 from poseviewer.app.page.map_panel import add_maps
-from poseviewer.app.page.panels import STEPS, add_status
+from poseviewer.app.page.panels import STEPS, add_status, idle_buttons
 from poseviewer.app.page.photo_view import DEPTH, SIDE, PhotoScene
 from poseviewer.app.page.reports import Theme, meaning_of
 from poseviewer.app.page.rows import add_rows
+from poseviewer.app.page.status import FIRST
 from poseviewer.app.page.strip import show_strip
-from poseviewer.app.page.texts import every_text, first_text, hint_of
+from poseviewer.app.page.texts import every_text, hint_of, offer_text
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.document import MARKING, label_of
 from poseviewer.app.state.edits import SavePose
@@ -27,7 +28,7 @@ from poseviewer.app.state.keys_and_buttons import client_keys, help_table
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import OF_FRAMES
 from poseviewer.app.workers.tasks import LongVideo, Restore, TaskResult, download
-from poseviewer.errors import PoseViewerError
+from poseviewer.errors import REPORTING, PoseViewerError
 from poseviewer.files.formats.bop import likely_numbers, object_numbers
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.state.session_file import AutosavedSession
@@ -76,15 +77,15 @@ class Page:
         gui.main_panel.dock_left()
         gui.main_panel.set_width(PANEL_PX)
         self.scene = PhotoScene(server)
+        # Pages may report from here on.
+        self._is_light: dict[int, bool] = {}  # colours that were chosen in the help, by client
+        self._is_narrow = False
         self._script = ClientScript(server, PAGE_CONFIG, self._on_report)
         self._controls = controls = Controls(gui, post, session, PANELS_S)
         add_preparing(controls)
-        add_working(controls)
         if review is not None:
             add_rows(controls, review)
-        else:
-            controls.text(first_text)
-        add_status(controls)
+        add_status(controls, "" if review else FIRST)
         controls.html(objects_list)
         tabs = gui.add_tab_group()
         for step, add_controls in STEPS.items():
@@ -103,6 +104,8 @@ class Page:
         self._said: dict[tuple[int, str], viser.NotificationHandle] = {}
         self._question: Any = None
         self._offer: viser.GuiFolderHandle | None = None
+        for subscribe in (server.on_client_connect, server.on_client_disconnect):
+            subscribe(lambda _: self._script.show("setTabs", len(self._tabs())))
         check_incoming(server, lambda client, why: self.show_error(why, client))
 
     def show(self, session: Session, seen: int, where: str) -> None:
@@ -119,7 +122,8 @@ class Page:
             self._script.show("setPhoto", photo.width, photo.height)
             self._script.show("setHint", hint_of(session))
             shape = session.tool if session.tool in SHAPES else ""
-            self._script.show("setPen", shape, session.pen.erases)
+            self._script.show("setPen", shape, session.pen.erases, session.tool == "pose")
+            self._script.show("setIdle", idle_buttons(session))
             self.scene.show(session)
             self._script.show("setHandles", handles_of(session))
             show_strip(self._script, session)
@@ -132,15 +136,17 @@ class Page:
         # The photo has its place until there is something to tell; a drag's photo rests.
         # A tool's next press must not land beside its place: panels rest while one is active.
         marks, rests = session.tool in MARKING, session.drag is not None or session.tool != "pose"
-        is_open = marks or any(o.is_placed for o in session.document.scene.objects)
+        is_placed = any(item.is_placed for item in session.document.scene.objects)
+        is_open = marks or (is_placed and not self._is_narrow)
         if is_open is not self._is_open and (marks or not rests):
             self._is_open = is_open
             (self._map_panel.expand if is_open else self._map_panel.minimize)()
 
     def _on_report(self, report: object, client: viser.ClientHandle) -> None:
         match meaning_of(report, client.client_id):
-            case Theme(light, text):
-                choose_theme(client.gui, light)
+            case Theme(light, text, narrow):
+                choose_theme(client.gui, self._is_light.get(client.client_id, light))
+                self._is_narrow = narrow
                 if text > 1.0:
                     client.gui.main_panel.set_width(PANEL_PX * text)
                     self._map_panel.set_width(MAPS_PX * text)
@@ -199,11 +205,19 @@ class Page:
                 tab.send_file_download(name, content, save_immediately=True)
 
     def show_help(self, client: int) -> None:
-        """Open the panel with the keys."""
+        """Open the panel with the keys, the colours, the version and how to report an error."""
         for tab in self._tabs(client):
             with tab.gui.add_modal("Keys and mouse") as modal:
-                tab.gui.add_markdown(help_table())
                 tab.gui.add_button("Close").on_click(lambda _, modal=modal: close_modal(modal))
+                tab.gui.add_markdown(help_table())
+                colours = tab.gui.add_button_group("Colours", ("Light", "Dark"))
+
+                def choose(_: viser.GuiEvent, tab: Any = tab, colours: Any = colours) -> None:
+                    self._is_light[tab.client_id] = colours.value == "Light"
+                    choose_theme(tab.gui, self._is_light[tab.client_id])
+
+                colours.on_click(choose)
+                tab.gui.add_markdown(f"poseviewer {plain(__version__)}. {plain(REPORTING)}")
 
     def ask_numbers(self, what: str, client: int) -> None:
         """Ask on a page for the numbers of image and objects in BOP, then download."""
@@ -253,9 +267,7 @@ class Page:
 
     def offer(self, offer: AutosavedSession) -> None:
         """Offer above the steps, where it interrupts nothing, what an earlier session left."""
-        when = time.strftime("%d %B %Y, %H:%M", time.localtime(offer.saved_at))
-        gui, names = self._server.gui, map(plain, (offer.photo_name, offer.model_name))
-        said = f"An earlier session ended without saving: **{' with '.join(names)}**, {when}"
+        gui, said = self._server.gui, offer_text(offer)
         with gui.add_folder("Earlier session", order=-1.0) as self._offer:
             gui.add_markdown(said)
             answers = {"Open it again": Restore(True), "Discard": Restore(False)}

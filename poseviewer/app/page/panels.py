@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 from viser import uplot
 
-from poseviewer.app.page.above_steps import loss_bar, parts_left_out
+from poseviewer.app.page.above_steps import parts_left_out
 from poseviewer.app.page.controls import Controls, memoize, plain
 from poseviewer.app.page.result import ABOUT, unit_of
+from poseviewer.app.page.status import FIRST, status_html
 from poseviewer.app.page.strip import proposals_row
 from poseviewer.app.page.texts import (
     ends_table,
     files_text,
-    focal_note,
     marks_text,
     notes_text,
     occlusion_text,
@@ -45,7 +45,6 @@ from poseviewer.app.state.pose_edits import (
 )
 from poseviewer.app.state.search_edits import (
     alter_settings,
-    find_focal_length,
     propose_starts,
     set_loss,
     take_end,
@@ -81,6 +80,9 @@ PAINT_HINT = (
     "Give the model the colours that photos show of it, at its pose; other photos are searched by "
     "these"
 )
+CALIBRATION_HINT = (
+    "What OpenCV, ROS, Kalibr, COLMAP, MATLAB and others write of a camera: YAML, JSON, XML, text"
+)
 PRINCIPAL_HINT = (
     "That of a cropped photo is not in its middle. By several photos, or a car's wheels."
 )
@@ -114,20 +116,21 @@ def _paint_label(session: Session) -> str:
     return "Paint from the keys" if scene.frames else several
 
 
-def _has_ended(session: Session) -> bool:
-    """Whether a search has ended, and is neither kept nor reverted."""
-    return session.search_progress is not None and session.search_progress.is_over
+def idle_buttons(session: Session) -> list[str]:
+    """Labels of the buttons in groups, which viser cannot disable, that would do nothing now."""
+    history, progress = session.history, session.search_progress
+    has_ended = progress is not None and progress.is_over
+    useful = {"undo": history.past, "redo": history.future, "keep": has_ended, "revert": has_ended}
+    return [ACTIONS[name].label() for name, is_useful in useful.items() if not is_useful]
 
 
-def add_status(controls: Controls) -> None:
-    """Text above the steps: the loss at the pose, or how the search stands."""
-    controls.text(lambda s: "  \n".join(filter(None, (search_text(s), focal_note(s)))))
-    hint = {"hint": "Search for the pose and the focal length together", "icon": "focus-2"}
-    asks = {"visible": lambda s: bool(focal_note(s)) and not s.is_searching}
-    controls.button("Find the focal length", find_focal_length(), **hint, **asks)
-    # A search is silent while its verdict is gathered.
-    controls.html(lambda s: WAITING if s.is_searching else "")
-    controls.html(loss_bar)
+def add_status(controls: Controls, first: str = FIRST) -> None:
+    """Status and search above the steps; ``first`` is said until something has been done."""
+    controls.html(lambda s: status_html(s, first))
+    icon = {"icon": lambda s: "player-stop" if s.is_searching else "player-play"}
+    ends = lambda s: s.is_searching or s.is_propagating  # noqa: E731
+    # A tooltip would lie over the status.
+    controls.action("search", ends, color="cyan", hint=None, **icon)
 
 
 def add_opening(controls: Controls) -> None:
@@ -146,10 +149,9 @@ def add_opening(controls: Controls) -> None:
 
 
 def add_placing(controls: Controls) -> None:
-    """Step "Place": ways to place the model, the search, views, history, numbers, the camera."""
+    """Step "Place": ways to place the model, views, history, numbers, the camera."""
     gui = controls.gui
     _add_ways(controls)
-    _add_search(controls)
     view = gui.add_dropdown("View", (AS_IT_IS, *SIDES))
 
     def look_from(side: str) -> Request | None:
@@ -163,12 +165,6 @@ def add_placing(controls: Controls) -> None:
         _add_numbers(controls)
     with gui.add_folder("Camera", expand_by_default=False):
         _add_camera(controls)
-
-
-def _add_search(controls: Controls) -> None:
-    """Start and stop of the search."""
-    icon = {"icon": lambda s: "player-stop" if s.is_searching else "player-play"}
-    controls.action("search", lambda s: s.is_searching or s.is_propagating, color="cyan", **icon)
 
 
 def _add_ways(controls: Controls) -> None:
@@ -253,7 +249,8 @@ def _add_lock(controls: Controls, index: int) -> None:
 def _add_camera(controls: Controls) -> None:
     """A calibration's file; projection, field of view, and intrinsics in px as OpenCV has them."""
     gui = controls.gui
-    controls.upload("Calibration file ...", None, "camera-up", accepted=",".join(TREES))
+    options: Any = {"accepted": ",".join(TREES), "hint": CALIBRATION_HINT}
+    controls.upload("Calibration file ...", None, "camera-up", **options)
     hint = "OpenCV's model of the lens, for a calibration file that does not say it"
     model = gui.add_dropdown("Lens model", ("as it says", *COEFFICIENTS), hint=hint)
     controls.lens_model = lambda: model.value if model.value in COEFFICIENTS else None
@@ -286,7 +283,7 @@ def _field_of_view(session: Session) -> float:
 
 
 def add_fitting(controls: Controls) -> None:
-    """Step "Fit": start and stop, how the search goes, what it may change."""
+    """Step "Fit": by what a search goes, its result, what it may change."""
 
     def pixels_of(session: Session) -> tuple[str, ...]:
         allowed = session.document.settings.minimised.pixels
@@ -299,10 +296,8 @@ def add_fitting(controls: Controls) -> None:
     controls.dropdown("Loss", labels, set_loss, loss, hint)
     controls.dropdown("Pixels", PIXELS, partial(_set, "pixels"), pixels, options=pixels_of)
     controls.dropdown("Search", SEARCHES, partial(_set, "search"), search, SEARCHES_HINT)
-    _add_search(controls)
-    several = {"visible": lambda s: len(s.document.scene.objects) > 1 and not s.is_searching}
-    controls.action("search all", **several)
-    controls.actions("Result", "keep", "revert", visible=_has_ended)
+    several = {"visible": lambda s: len(s.document.scene.objects) > 1}
+    controls.action("search all", disabled=lambda s: s.is_searching, **several)
     _add_hiding(controls)
     controls.action("compare", icon="arrows-diff", disabled=lambda s: s.is_searching)
     controls.text(memoize(lambda s: (s.comparison,), lambda s: ends_table(s.comparison)))
@@ -310,6 +305,8 @@ def add_fitting(controls: Controls) -> None:
     controls.choices("Take", takes, visible=lambda s: s.comparison is not None)
     with controls.gui.add_folder("Settings", expand_by_default=False):
         _add_settings(controls)
+    controls.actions("Result", "keep", "revert")
+    controls.text(search_text)
     _add_curve(controls)  # last, as it is the highest: all that can be pressed is in sight
 
 
@@ -418,9 +415,8 @@ def _add_object_text(controls: Controls, name: str) -> None:
 
 
 def add_judging(controls: Controls) -> None:
-    """Step "Judge": the verdict with its reasons, and how the model is shown."""
+    """Step "Judge": how the model is shown, and the verdict with its reasons."""
     gui = controls.gui
-    controls.text(verdict_text)
     style = gui.add_dropdown("Model (1-5, 0)", tuple(STYLES.values()))
     controls.field(style, show_style, value=attrgetter("display.style"))
     opacity = gui.add_slider("Opacity", 0.0, 1.0, 0.05, 0.8)
@@ -429,6 +425,7 @@ def add_judging(controls: Controls) -> None:
     controls.action("measure", lambda s: s.tool == "measure", icon="ruler-measure")
     controls.button(_paint_label, lambda *_: paint_active(), icon="palette", hint=PAINT_HINT)
     controls.action("unpaint", visible=_is_painted)
+    controls.text(verdict_text)  # last, as its length changes
 
 
 def add_saving(controls: Controls) -> None:
@@ -436,7 +433,7 @@ def add_saving(controls: Controls) -> None:
 
     def state(session: Session) -> str:
         text = "● unsaved changes" if session.is_unsaved else "no unsaved changes"
-        return "  \n".join(filter(None, (text, plain(controls.where), focal_note(session))))
+        return f"{text}  \n{plain(controls.where)}"
 
     controls.text(state)
     _add_object_text(controls, "note")

@@ -28,7 +28,7 @@ from poseviewer.app.state.keys_and_buttons import KEYS
 from poseviewer.app.state.marking import mark_model, turn_model
 from poseviewer.app.state.pointer_edits import double_press, press
 from poseviewer.app.state.pose_edits import nudge, pick_in_landscape
-from poseviewer.app.state.search_edits import take_start
+from poseviewer.app.state.search_edits import find_focal_length, take_start
 from poseviewer.app.workers.tasks import Request, grow
 from poseviewer.errors import printable
 from poseviewer.opening.uploads import why_not_sent, why_unfit
@@ -43,11 +43,13 @@ MAX_SAID = 40
 
 @dataclass(frozen=True, slots=True)
 class Theme:
-    """Colours and size of text that a browser prefers."""
+    """Colours and size of text that a browser prefers, and its room."""
 
     light: bool = False
     text: Annotated[float, msgspec.Meta(ge=0.5, le=3.0)] = 1.0
     """Size of text, in times of the usual one."""
+    narrow: bool = False
+    """Whether the photo needs the room of the maps."""
 
 
 T = TypeVar("T")
@@ -109,6 +111,7 @@ MEANINGS: Mapping[str, Callable[..., Meaning]] = {
     "remove object": o.remove_object,
     "alter object": _object,
     "part": bring_back,
+    "find focal length": find_focal_length,
     "mark model": mark_model,
     "turn model": turn_model,
     "start": take_start,

@@ -22,9 +22,12 @@ DIGITS = 5
 """Digits that are shown of a number whose deviation is not known."""
 MAX_DEVIATION_DEG = 90.0
 """Above this deviation an angle's is linear no more, as where two axes coincide: none is shown."""
+JUMPS_FROM_DEG = 85.0
+"""Turn about y from which the other two jump: a quaternion is shown instead."""
 ABOUT = (
     "Camera axes: X to the right, Y down, Z forward, of the model's origin. Turns: about the "
-    "camera's x, then its y, then its z axis. ±: standard deviations, if the pose is right. mm of "
+    "camera's x, then its y, then its z axis; near 90° about y, where they jump, the unit "
+    "quaternion q. ±: standard deviations, if the pose is right. mm of "
     "the focal length: as if on 35-mm film."
 )
 FOLLOW_FOCAL = "Z", "distance", "focal"
@@ -65,6 +68,10 @@ def result_html(session: Session) -> str:
     if not document.object.is_placed:
         return ""
     numbers, deviations = pose_numbers(document.pose), deviations_of(session)
+    if abs(numbers["turn y"]) > JUMPS_FROM_DEG:
+        parts = zip("wxyz", document.pose.camera_from_model.as_quaternion().tolist(), strict=True)
+        quaternion = {f"q {part}": value for part, value in parts}
+        numbers = quaternion | {n: v for n, v in numbers.items() if "turn" not in n}
     source = source_of(document.photo, document.pose.camera)
     left, right = [], []
     for name, value in numbers.items():

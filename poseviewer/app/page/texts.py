@@ -1,6 +1,7 @@
 """Texts of the page on a session: what is open, what to do next, how search and verdict stand."""
 
 import math
+import time
 
 import numpy as np
 
@@ -18,9 +19,12 @@ from poseviewer.app.workers.tasks import LongVideo
 from poseviewer.confidence.pose_covariance import short
 from poseviewer.errors import percent
 from poseviewer.files.mesh.size import size_words
+from poseviewer.files.state.session_file import AutosavedSession
+from poseviewer.fit.progress import SearchProgress
 from poseviewer.geometry.camera import Parallel, Perspective
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.pose_error import pose_error
+from poseviewer.losses.loss import LossScale
 from poseviewer.starts.point_pairs import fewest_pairs
 from poseviewer.starts.wheels import LONGER_FOCALS
 from poseviewer.vehicle.wheel_pose import MIN_RIM_POINTS
@@ -28,10 +32,7 @@ from poseviewer.vehicle.wheel_pose import MIN_RIM_POINTS
 PROPAGATED_A_SECOND = 3.0
 """Frames through which a pose is propagated in a second, as results.md has it."""
 PREPARING = "Preparing the first picture ..."
-FIRST = (
-    "Finds where a known 3D model stands in a photo. **Open** both, **Place** the model, then "
-    "**Search**."
-)
+STOPPED = "Stopped: the best pose so far is shown."
 USUAL_HINT = (
     '<span><i class="pv-plain">drag</i> move</span> '
     '<span><i class="pv-shift">shift</i> turn</span> '
@@ -85,15 +86,19 @@ SEARCHING_HINT = (
 )
 ASSUMED_HINT = (
     "the focal length is assumed, and the distance with it &nbsp;·&nbsp; before you save: "
-    "<b>Find the focal length</b>, at the left"
+    "<b>Find it</b>, at the left"
 )
+VERDICT_HINTS = {
+    "found": "<b>found</b>: <b>S</b> saves &nbsp;·&nbsp; 1 to 5 show it in other ways",
+    "doubtful": "<b>doubtful</b>: does the outline lie on the object's edges? 2 and 5 show more "
+    "&nbsp;·&nbsp; else <b>drag</b> and search again: <b>space</b>",
+    "lost": "<b>lost</b>: <b>drag</b> the model onto the object, <b>shift</b> turns it "
+    "&nbsp;·&nbsp; then search again: <b>space</b>",
+}
+"""Hint by the verdict on a pose that is not saved yet."""
 WHEELS_FOCAL = "The focal length is a rough guess by the wheels, and with it the distance"
+NOT_FOUND = "Not found by itself: perhaps it is not in this photo. Else "
 MARKING_HINT = " &nbsp;·&nbsp; drag a mark, double-click removes it &nbsp;·&nbsp; Esc: end"
-
-
-def first_text(session: Session) -> str:
-    """Say what this is and what to do first (markdown); "" once something has been done."""
-    return "" if session.history.past or session.search else FIRST
 
 
 def files_text(session: Session) -> str:
@@ -160,6 +165,8 @@ def hint_of(session: Session) -> str:
             return ""  # it would lie over the colours' legend
         case _ if is_focal_length_wanted(session):
             return ASSUMED_HINT
+        case _ if session.is_unsaved and verdict_of(session.document.object) in VERDICT_HINTS:
+            return VERDICT_HINTS[verdict_of(session.document.object)]
         case _:
             usual = USUAL_HINT + FRAMES_HINT * bool(session.document.scene.frames)
             return SIZE_HINT if _has_first_size(session) else usual
@@ -179,7 +186,7 @@ def _not_found_hint(session: Session) -> str:
     if session.proposals and session.proposals.starts:
         is_car = _what_helps(session) is WHEELS_HINT
         return f"{UNSURE_HINT} &nbsp;·&nbsp; {WHEELS_HINT}" if is_car else UNSURE_HINT
-    return f"{'Not found by itself: ' * bool(session.proposals)}{_what_helps(session)}"
+    return f"{NOT_FOUND * bool(session.proposals)}{_what_helps(session)}"
 
 
 def _what_helps(session: Session) -> str:
@@ -263,67 +270,59 @@ def focal_condition(session: Session) -> str:
 
 
 def search_text(session: Session) -> str:
-    """Say how the search stands and its verdict, or the loss at the pose (markdown)."""
-    search = session.search
-    progress = session.search_progress
-    losses = session.results.losses
-    if session.preparation is not None:
-        if session.preparation.trouble:
-            return ""  # it is said above all panels
-        if session.is_searching:
-            return "Waiting to begin; the same button stops it."
-        compiling = session.preparation.share is not None
-        return "The loss comes when all is compiled." if compiling else PREPARING
-    if search is None:
-        if not session.document.object.is_placed:
-            return "The model is not placed yet."
-        return _loss_text(session) or plain(losses.note if losses else "") or PREPARING
-    if progress is None:
-        return "Preparing the search ..."
-    fit = progress.progress
-    settings = progress.settings
-    methods = search.methods
+    """Say by what the last search went, and how it ended (markdown); "": there is none."""
+    search, progress = session.search, session.search_progress
+    if search is None or progress is None or session.preparation is not None:
+        return ""
+    fit, settings = progress.progress, progress.settings
     is_stopped = progress.is_over and fit.status.name == "RUNNING"
-    sentence = plain(fit.status.value)
-    if is_stopped:
-        sentence = "Stopped: the best pose so far is shown."
+    sentence = STOPPED if is_stopped else plain(fit.status.value)
     which = ""
-    if session.is_searching and len(methods) > 1:
-        which = f", {methods.index(settings) + 1} of {len(methods)} losses"
+    if session.is_searching and len(search.methods) > 1:
+        which = f", {search.methods.index(settings) + 1} of {len(search.methods)} losses"
     if len(search.object_indices) > 1:
         label = label_of(session.document.scene.objects[progress.object_index])
         which += f"  \nOf all objects: **{plain(label)}**"
-    loss = f"**{_as_coarse(fit.loss_text)}** (start {fit.scale.as_shown(fit.start_loss):.3f})"
-    is_active = progress.object_index == session.document.active
-    if progress.is_over and is_active and losses and losses.at_pose == session.at_pose:
-        loss = _loss_text(session) or loss
-    text = (
-        f"Loss: {settings.loss_name}{which}  \n{loss}  \n"
-        f"{fit.evaluations} evaluations, restart {fit.restart}, {fit.seconds:.1f} s  \n{sentence}"
-    )
-    if fit.verdict is not None:
-        text += f"  \n**Verdict: {fit.verdict.label}.**"
-    return text + _search_again_note(session)
+    steps, again = pace_of_search(progress), _search_again_note(session)
+    return f"Loss: {settings.loss_name}{which}  \n{steps}  \n{sentence}{again}"
 
 
-def _loss_text(session: Session) -> str:
-    """The loss at the pose on the pixels about it, and where its search compared others (markdown):
-    a pose has one value.
+def pace_of_search(progress: SearchProgress) -> str:
+    """Say how far a search is."""
+    fit = progress.progress
+    return f"{fit.evaluations} evaluations, restart {fit.restart}, {fit.seconds:.1f} s"
+
+
+def shown_loss(session: Session) -> tuple[LossScale, float, bool] | None:
+    """The loss at the pose with its scale, and whether another one will follow at once: that of the
+    search that led there, which is in the pose file; else that of the pixels about the pose; None:
+    not known.
     """
-    losses, result = session.results.losses, session.document.object.result
+    losses, item = session.results.losses, session.document.object
     if losses is None or losses.mean is None:
+        return None
+    scale, result, now = losses.mean.scale, item.result, losses.mean.loss
+    is_of_search = result is not None and (result.settings or {}).get("loss") == item.settings.loss
+    of_search = result.loss if result is not None and is_of_search else None
+    if of_search is not None:
+        return scale, of_search, False
+    return scale, now, session.is_moving or losses.at_pose != session.at_pose
+
+
+def loss_text(session: Session) -> str:
+    """Say the loss at the pose, or at the best one of the running search; "": not known."""
+    losses, progress = session.results.losses, session.own_progress
+    if session.is_searching and progress is not None:
+        fit = progress.progress
+        start = fit.scale.as_shown(fit.start_loss)
+        return f"{_as_coarse(fit.loss_text)} (start {start:.3f})"
+    known = shown_loss(session)
+    if losses is None or known is None or not session.document.object.is_placed:
         return ""
-    count, text = len(losses.by_view), losses.mean.scale.text(losses.mean.loss)
-    if session.is_moving or losses.at_pose != session.at_pose:
-        text = _as_coarse(text)
-    of_set = f", mean of {count} photos" if count > 1 else ""
-    text = f"**{text}** at this pose{of_set}"
-    own = None if result is None else result.unexplained
-    if result is None or own is None or f"{own:.3f}" == f"{losses.mean.total:.3f}":
-        return text
-    has_occluders = any(mask is not None for mask in result.hidden)
-    without = ", without what it took for something in front" if has_occluders else ""
-    return f"{text}  \nIts search compared other pixels: those about its start{without}."
+    scale, loss, is_coarse = known
+    text, count = scale.text(loss), len(losses.by_view)
+    text = _as_coarse(text) if is_coarse else text
+    return f"{text} at this pose" + (f", mean of {count} photos" if count > 1 else "")
 
 
 def _search_again_note(session: Session) -> str:
@@ -425,6 +424,20 @@ def pace_text(pace: Pace) -> str:
     rate = (pace.done - pace.begun) / pace.seconds
     left = "" if total is None else f", {duration_text((total - pace.done) / rate)} left"
     return f"{frame}, {rate:{',.0f' if rate >= 10.0 else '.1f'}} a second{left}"
+
+
+def offer_text(offer: AutosavedSession) -> str:
+    """Say what an earlier session left (markdown)."""
+    scene, when = offer.scene, time.localtime(offer.saved_at)
+    names = " with ".join(map(plain, (offer.photo_name, offer.model_name)))
+    counts = {
+        f"a sequence of {len(scene.frames):,} frames": len(scene.frames),
+        f"{len(scene.views)} photos": len(scene.views) - 1,
+        f"{len(scene.objects)} objects": len(scene.objects) - 1,
+    }
+    parts = [f"**{names}**", *(text for text, count in counts.items() if count > 0)]
+    said = ", ".join([*parts, time.strftime("%d %B %Y, %H:%M", when)])
+    return f"An earlier session ended without saving: {said}"
 
 
 def every_text(video: LongVideo, every: int) -> str:

@@ -26,8 +26,6 @@ from poseviewer.vehicle.chart import MIN_AXLE_COMPONENT, VehicleChart
 
 POINT_REACH_PX = 14.0
 """Distance within which a press takes a pin or a mark, px of the screen."""
-MODEL_REACH_PX = 12.0
-"""Distance from its convex outline within which a press takes the model, px of the screen."""
 MIN_LEVER_PX = 8.0
 """Least distance from the centre at which rolls and scales count as grabbed."""
 MAX_ZOOM = 20.0
@@ -113,7 +111,7 @@ def nearest_point(points: FloatArray, pointer: FloatArray, zoom: float) -> int |
 
 
 def take_hold(document: Document, point: FloatArray, zoom: float, kind: str) -> Drag | None:
-    """Take hold of a pin or the model; None: neither is there, or the object cannot be moved.
+    """Take hold of a pin that is there, else of the model; None: the object cannot be moved.
 
     Args:
         document: at the press.
@@ -127,9 +125,7 @@ def take_hold(document: Document, point: FloatArray, zoom: float, kind: str) -> 
     pin = nearest_point(pins, point, zoom)
     if pin is not None:
         return _hold_pin(document, pin, pins[pin] - point)
-    if is_within_outline(point, document.pose, document.mesh, MODEL_REACH_PX / zoom):
-        return _hold_model(document, point, kind)
-    return None
+    return _hold_model(document, point, kind)
 
 
 def nearest_object(document: Document, point: FloatArray) -> int:

@@ -197,7 +197,7 @@ def help_table() -> str:
     rows = [(keys, does, "") for keys, does in GESTURES.items()]
     rows += [(a.keys, a.tooltip, a.step) for a in ACTIONS.values() if a.keys and a.tooltip]
     lines = (f"| **{k.replace(', ', '**, **')}** | {does} | {step} |\n" for k, does, step in rows)
-    return "| | | |\n|---|---|---|\n" + "".join(lines)
+    return "| keys, mouse | what it does | step |\n|---|---|---|\n" + "".join(lines)
 
 
 def client_keys() -> dict[str, dict[str, object]]:

@@ -41,8 +41,8 @@ MAX_PINS = 3
 def press(
     session: Session, x: Px, y: Px, zoom: Zoom = 1.0, shift: bool = False, ctrl: bool = False
 ) -> Session:
-    """Press the main button: take hold of what is there, or do what the tool does. A model without
-    a pose goes there and is held.
+    """Press the main button: take hold of what is there, else of the active model, or do what the
+    tool does. A model without a pose goes there and is held.
 
     Args:
         session: before the edit.
@@ -58,7 +58,9 @@ def press(
 
 
 def _hold(session: Session, point: FloatArray, zoom: float, kind: str) -> Session:
-    """Take hold of a pin, or of the nearest model, which becomes active."""
+    """Take hold of a pin, or of the nearest model there, which becomes active, or of the active
+    one wherever the press is.
+    """
     document = session.document
     if not document.object.is_placed:
         centre = document.mesh.centre

@@ -73,6 +73,8 @@ def write_gltf_scene(
         raise PoseFileError(f"{out.name}: binary glTF files end in .glb; name it so.")
     unit, (places, poses) = options.unit_of(scene), c.in_one_world(scene, bool(tracks))
     scale = 1.0 if unit is None else c.metres_per_unit(unit)
+    if unit is None:
+        notes.append("The model's unit is not known: it is taken for metres; say it with `unit`.")
     paths = [c.require_file(item.model.location, "model", "glTF") for item in scene.objects]
     meshes = {path: load_mesh(path) for path in dict.fromkeys(paths)}
     motions = [track.places for track in tracks] or [[place] for place in places]

@@ -6,13 +6,10 @@ import pytest
 
 from poseviewer.app.page.controls import plain
 from poseviewer.app.page.texts import notes_text
-from poseviewer.app.state.edits import open_document
-from poseviewer.app.state.search_edits import revert_search
 from poseviewer.app.workers.tasks import upload
 from poseviewer.opening.uploads import pack
 from tests.app.below_viser.socket_page import SocketPage
 from tests.app.running_app import RunningApp, running_app
-from tests.app.state.documents import open_files
 from tests.scene import Scene
 
 NOTED = b"mtllib gone.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2\nf 1 1 2\n"
@@ -33,23 +30,6 @@ def test_lines_are_as_wide_at_every_zoom(running: RunningApp) -> None:
             return {line["name"]: line["props"].get("thickness_units", "") for line in lines}
 
         assert page.wait_until(lambda: units().keys() == wanted.keys() and units()) == wanted
-
-
-def test_a_guessed_focal_length_is_searched_for_by_the_button_beside(running: RunningApp) -> None:
-    app = running.app
-    scene = running.scene
-    uuid = running.uuid("Find the focal length")
-    handle = app._page._server.gui._gui_input_handle_from_uuid[uuid]
-    with SocketPage(running.url) as page:
-        assert not handle.visible
-        placed = open_files(scene.photo, scene.model, None).with_object(is_placed=True)
-        app._mailbox.post(open_document(placed))
-        page.wait_until(lambda: handle.visible)
-        page.change(uuid, True)
-        page.wait_until(lambda: app.session.is_searching)
-        assert app.session.search is not None
-        assert app.session.search.methods[0].free_focal
-        app._mailbox.post(revert_search())
 
 
 def test_all_notes_on_a_model_are_one_notice(running: RunningApp) -> None:

@@ -75,6 +75,19 @@ def test_an_angle_at_half_a_turn_has_its_deviation() -> None:
     assert deviations_of(session)["turn z"] < 1.0
 
 
+def test_where_angles_jump_the_quaternion_is_shown() -> None:
+    session, shown = make_session(), list[dict[str, str]]()
+    for degrees in (89.9, 90.1):
+        turned = RigidTransform.from_rotation_vector([0.0, np.radians(degrees), 0.0], [0, 0, 8.0])
+        pose = replace(session.document.pose, camera_from_model=turned)
+        shown.append(rows_of(after(session, c.set_fields(document=session.document.at_pose(pose)))))
+        assert not any("turn" in name for name in shown[-1])
+        assert float(shown[-1]["q w"]) == pytest.approx(np.cos(np.radians(degrees / 2)), abs=1e-4)
+    for part in "wxyz":
+        assert float(shown[0][f"q {part}"]) == pytest.approx(float(shown[1][f"q {part}"]), abs=0.01)
+    assert "turn y" in rows_of(session)
+
+
 def test_a_guessed_focal_length_is_said_to_be_assumed_and_the_distance_with_it() -> None:
     session = make_session(make_session().document.photo.default_camera())
     assumed = {name for name, text in rows_of(session).items() if "*" in text}

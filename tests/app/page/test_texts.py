@@ -11,26 +11,30 @@ from lxml import html as lxml_html
 from poseviewer.app.page.above_steps import objects_list, parts_left_out
 from poseviewer.app.page.controls import plain
 from poseviewer.app.page.measure_panel import relative_html
+from poseviewer.app.page.reports import meaning_of
 from poseviewer.app.page.result import result_html
+from poseviewer.app.page.status import status_html
 from poseviewer.app.page.texts import (
     SEARCHING_HINT,
     SIZE_HINT,
     USUAL_HINT,
     files_text,
-    first_text,
     focal_note,
     hint_of,
+    loss_text,
     marks_text,
     notes_text,
     occlusion_text,
-    search_text,
+    offer_text,
     verdict_text,
 )
 from poseviewer.app.page.time_line import time_line
 from poseviewer.app.state import hiding as h
+from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.results import LossReading, Results
 from poseviewer.app.workers.exporting import scene_to_save
-from poseviewer.confidence.verdict import Verdict
+from poseviewer.app.workers.saving import make_autosave
+from poseviewer.confidence.verdict import Verdict, percent_right
 from poseviewer.errors import percent
 from poseviewer.files.scene_json import as_saved, pose_json
 from poseviewer.losses.default_loss import UnexplainedScale
@@ -68,10 +72,11 @@ def test_no_name_is_markup_to_the_page(name: str):
     losses = LossReading(session.at_pose, note=f"{name}: no loss")
     document = session.document.with_marks(note=name)
     session = replace(session, results=Results(losses=losses), document=document, tool="pairs")
-    assert shown in search_text(session)
     assert shown in marks_text(session)
-    for text in (search_text(session), marks_text(session)):
-        assert name not in text
+    assert name not in marks_text(session)
+    worked = after(session, c.nudge("move", 1.0))
+    (said,) = lxml_html.fromstring(status_html(worked, "")).xpath("//p")
+    assert said.text_content() == f"{name}: no loss"
 
 
 def test_what_files_say_is_text_in_every_piece_of_the_page():
@@ -143,36 +148,64 @@ def test_what_is_said_of_a_pose_that_moves_is_said_to_be_coarse():
     scale = UnexplainedScale(100.0, 3, 3)
     losses = LossReading(session.at_pose, Unexplained(scale, scale.worst))
     rests = replace(session, results=Results(losses=losses))
-    assert search_text(rests) == "**unexplained 1.000** at this pose"
+    assert loss_text(rests) == "unexplained 1.000 at this pose"
     for moved in (held(rests), after(rests, c.nudge("move", 1.0))):
         moved = replace(moved, results=rests.results)
-        assert search_text(moved) == "**unexplained about 1.000** at this pose"
+        assert loss_text(moved) == "unexplained about 1.000 at this pose"
 
 
-def test_a_pose_has_one_value_and_a_search_by_other_pixels_is_said():
+def test_a_pose_has_one_value_that_of_the_search_which_its_file_has():
     """What is compared about the pose is not what the search compared about its start."""
     session = make_session()
     scale = UnexplainedScale(100.0, 3, 3)
-    mean = Unexplained(scale, scale.worst)
-    pixels = np.ones((120, 160), bool)
-    results = {"": 1.0, "start": 0.5, "without what": 0.25}
-    for words, unexplained in results.items():
-        hidden = (pixels,) if "without" in words else (None,)
-        result = SearchResult(loss=0.1, unexplained=unexplained, hidden=hidden)
-        found = replace(session, document=session.document.with_object(result=result))
-        found = replace(found, results=Results(losses=LossReading(found.at_pose, mean)))
-        first, *more = search_text(found).splitlines()
-        assert first.rstrip() == "**unexplained 1.000** at this pose"
-        assert len(more) == bool(words)
-        assert all("other pixels" in line and "0." not in line for line in more)
-        assert all(words in line for line in more)
+    losses = LossReading(session.at_pose, Unexplained(scale, scale.worst))
+    rests, loss = replace(session, results=Results(losses=losses)), scale.worst - 1.0
+    own = scale.as_unexplained(loss)
+    for name, shown in (("default", own), ("paper", 1.0)):
+        result = SearchResult(loss=loss, unexplained=own, settings={"loss": name})
+        found = replace(rests, document=rests.document.with_object(result=result))
+        if name == "default":
+            assert "about" not in loss_text(found)  # what is read at the pose comes later
+        found = replace(found, results=Results(losses=replace(losses, at_pose=found.at_pose)))
+        assert loss_text(found) == f"unexplained {shown:.3f} at this pose"
+        saved = pose_json(as_saved(scene_to_save(found)))
+        assert saved.unexplained == own
 
 
-def test_what_this_is_and_what_to_do_first_is_said_until_something_is_done():
+def test_the_status_has_verdict_share_and_first_reason_until_the_pose_is_another():
     session = make_session()
-    assert all(step in first_text(session) for step in ("**Open**", "**Place**", "**Search**"))
-    for edit in (c.nudge("move", 1.0), c.start_search()):
-        assert first_text(after(session, edit)) == ""
+    assert "Open both, Place the model, then Search." in status_html(session)
+    reasons = "Searches from near by came back to it.", "Another one."
+    for word in ("found", "doubtful", "lost"):
+        verdict = Verdict(word, 0.6, reasons)
+        result = SearchResult(verdict=verdict, loss=0.1, unexplained=0.1)
+        judged = replace(session, document=session.document.with_object(result=result))
+        page = lxml_html.fromstring(status_html(judged))
+        (badge,) = page.xpath("//b")
+        assert badge.text_content() == f"Verdict: {word}"
+        assert f"pv-{word}" in badge.get("class")
+        assert len(badge.xpath("./svg")) == 1  # for those who see no colours
+        assert page.xpath("//p")[0].text_content() == reasons[0]
+        assert f"{percent_right(word, 0.6)} % likely right" in page.text_content()
+        assert word in hint_of(replace(judged, saved=None))
+        assert hint_of(replace(judged, saved=judged.document)) == USUAL_HINT
+        moved = status_html(after(judged, c.nudge("move", 1.0)))
+        assert "Verdict" not in moved
+        assert "not searched" in moved
+
+
+def test_a_guessed_focal_length_is_searched_for_by_the_button_beside():
+    button = "//button[text()='Find the focal length']"
+    assert lxml_html.fromstring(status_html(make_session())).xpath(button) == []
+    guessed = make_session(make_photo().default_camera())
+    (found,) = lxml_html.fromstring(status_html(guessed)).xpath(button)
+    asked = meaning_of(found.get("data-report"))
+    assert isinstance(asked, Edit)
+    searching = after(guessed, asked)
+    assert searching.search is not None
+    assert searching.search.methods[0].free_focal
+    (waits,) = lxml_html.fromstring(status_html(searching)).xpath(button)
+    assert waits.get("data-report") is None
 
 
 def test_size_and_origin_are_last_among_the_notes():
@@ -197,6 +230,18 @@ def test_names_of_parts_are_text():
     assert [json.loads(report) for report in page.xpath("//button/@data-report")] == [
         {"kind": "part", "index": 0}
     ]
+
+
+def test_the_offer_after_a_crash_says_what_it_was():
+    sequence, two = make_sequence(), with_two().document
+    for document, what in (
+        (sequence, f"a sequence of {len(sequence.scene.frames)} frames"),
+        (two, "2 objects"),
+    ):
+        said = offer_text(make_autosave(document))
+        assert what in said
+        assert plain(document.photo.name) in said
+        assert "photos" not in said
 
 
 def test_every_tool_has_its_hint():

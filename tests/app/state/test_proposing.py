@@ -9,17 +9,17 @@ import pytest
 from lxml import html
 from PIL import Image
 
-from poseviewer.app.page.above_steps import loss_bar
 from poseviewer.app.page.handles import handles_of, path_of
 from poseviewer.app.page.reports import meaning_of
+from poseviewer.app.page.status import loss_bar, status_html
 from poseviewer.app.page.strip import proposals_row
 from poseviewer.app.page.texts import (
+    NOT_FOUND,
     PROPOSED_HINT,
     UNSURE_HINT,
     USUAL_HINT,
     hint_of,
     proposals_text,
-    search_text,
 )
 from poseviewer.app.state.document import Document, verdict_of
 from poseviewer.app.state.edits import Edit
@@ -174,7 +174,8 @@ def test_a_model_without_a_pose_is_looked_for_until_somebody_places_it():
 def test_a_model_that_is_nowhere_shows_nothing_but_the_likeliest_proposal():
     session = nowhere()
     assert "pv-pin" not in handles_of(replace(session, tool="pose"))
-    assert (loss_bar(session), search_text(session)) == ("", "The model is not placed yet.")
+    assert loss_bar(session) is None
+    assert "The model is not placed yet." in status_html(session, "")
     listed = listed_in(session)
     first, second = (path_of(lines) for lines in OUTLINES[:2])
     for shown in (listed, after(listed, c.stop_proposing())):
@@ -208,7 +209,7 @@ def test_what_is_only_proposed_places_nothing():
         assert after(taken, c.undo()).document is document
     nothing = after(session, c.list_starts(ProposedStarts(document, (), ())))
     assert not nothing.is_proposing
-    assert hint_of(nothing).startswith("Not found by itself: <b>press where")
+    assert hint_of(nothing).startswith(f"{NOT_FOUND}<b>press where")
     pressed = after(listed, c.press(80, 60), c.release())
     assert proposals_row(pressed).count("<image") == 3
     assert_same_pose(after(pressed, c.take_start(1)).document.pose, POSES[1])
@@ -225,7 +226,7 @@ def test_what_would_help_is_said_at_once_for_each_kind_of_model():
         looking = after(make_session(), c.open_document(document))
         assert helps in hint_of(looking)
         nothing = after(looking, c.list_starts(ProposedStarts(looking.document)))
-        assert hint_of(nothing).startswith("Not found by itself: ")
+        assert hint_of(nothing).startswith(NOT_FOUND)
         assert helps in hint_of(nothing)
         unsure = after(listed_in(looking), c.stop_proposing())
         assert hint_of(unsure).startswith(UNSURE_HINT)

@@ -72,12 +72,22 @@ def test_a_drag_is_one_step(camera, keys):
     assert after(back, c.redo()).document is done.document
 
 
-def test_a_press_alone_or_beside_the_model_is_no_step():
+def test_a_press_alone_is_no_step():
     session = make_session()
-    pressed = after(session, c.press(*point(session)), c.release())
-    assert pressed.history is session.history
-    assert pressed.document is session.document
-    assert after(session, c.press(1.0, 1.0), c.drag_to(30.0, 30.0), c.release()) is session
+    for at in (point(session), (1.0, 1.0)):
+        pressed = after(session, c.press(*at), c.release())
+        assert pressed.history is session.history
+        assert pressed.document is session.document
+
+
+@pytest.mark.parametrize("keys", [{}, {"shift": True}, {"ctrl": True}])
+def test_a_drag_may_begin_anywhere(keys: dict[str, bool]):
+    session = make_session()
+    done = after(session, c.press(1.0, 1.0, **keys), c.drag_to(13.0, 4.0), c.release())
+    moved = np.zeros(2) if keys else np.array([12.0, 3.0])
+    assert centre_of(done) - centre_of(session) == pytest.approx(moved, abs=1e-9)
+    was, now = (s.document.pose.camera_from_model.rotation for s in (session, done))
+    assert np.allclose(was, now, atol=0.001) is (not keys)
 
 
 def test_what_comes_amid_a_drag_ends_it_in_order():

@@ -94,6 +94,14 @@ def test_no_object_of_a_photo_has_another_ones_file(scene):
     assert set(export("gltf", session)) == {"p.glb"}  # it holds them all
 
 
+def test_gltf_of_a_model_without_a_unit_says_so(scene):
+    session = Session(open_files(scene.photo, scene.model, scene.start))
+    for unit, is_said in ((None, True), ("mm", False)):
+        notes = list[str]()
+        export("gltf", after(session, set_unit(unit)), notes)
+        assert any("unit is not known" in note for note in notes) is is_said
+
+
 @pytest.mark.parametrize("what", OF_ONE_UNIT)
 def test_a_format_of_one_unit_asks_for_the_models(scene, what):
     session = Session(open_files(scene.photo, scene.model, scene.start))
