@@ -19,7 +19,6 @@ from poseviewer.batch.result_folder import (
     Batch,
     JobResult,
     Row,
-    load_batch,
     lock_folder,
     save_batch,
     save_failure,
@@ -96,9 +95,6 @@ def open_batch(
             )
     if folder.exists() and folder.samefile(scene or table):
         raise BatchError(f"{folder}: is what is read; name another folder for the results.")
-    if (folder / MANIFEST).exists() and load_batch(folder).is_audit is not is_audit:
-        holds = "a batch" if is_audit else "an audit"
-        raise BatchError(f"{folder}: holds the results of {holds}; name another folder.")
     if is_audit:  # the same rows of a batch have other results
         jobs = tuple(replace(job, key=f"audit-{job.key}") for job in jobs)
     for name in (TABLE, REPORT, MANIFEST, *([table.name] if is_sequence else [])):

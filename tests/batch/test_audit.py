@@ -333,12 +333,6 @@ def test_what_cannot_be_audited_is_said(scene: Scene, audited: Path, tmp_path: P
     assert "no scene_gt.json in it" in said
     results = write_table(scene, tmp_path, 0, f"p.png,{scene.model},auto\n").parent / "results"
     batch = open_batch(tmp_path / "jobs.csv", results, QUICK)
-    before = (results / "batch.json").read_bytes()
-    said = refusal(capsys, "audit", audited / "audit", "--out", results)
-    assert "results: holds the results of a batch; name another folder" in said
-    assert (results / "batch.json").read_bytes() == before
-    said = refusal(capsys, "batch", tmp_path / "jobs.csv", "--out", audited / "audit")
-    assert "audit: holds the results of an audit" in said
     with pytest.raises(BatchError, match="no row of the batch has a pose"):
         open_batch(results, tmp_path / "out", QUICK, is_audit=True)
     said = refusal(capsys, "audit", audited / "audit", "--objects", "5", "--out", tmp_path / "out")
