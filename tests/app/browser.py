@@ -34,7 +34,7 @@ WINDOW = (1120, 700)
 """Little more than the page has another layout for: without a GPU each pixel takes time."""
 COARSE = 0.25
 """Pixels of the photo's canvas to one of the page, where no test looks at colours."""
-PATIENCE_MS = 120_000
+PATIENCE_MS = 300_000
 """Longest wait: a search takes minutes on slow cores that other tests share."""
 READY = """window.__viserMutable?.cameraControl && window.poseviewer &&
     document.documentElement.dataset.poseviewerView &&
