@@ -88,7 +88,7 @@ OCCLUDER_MARGIN = np.ones((9, 9), np.uint8)
 """Dilation of what stands in front: its log odds are smoothed over as many px."""
 PROBE_EVERY = 5
 """Frames from one full search and verdict to the next, if the pose stays as good as it was there:
-where light moves over a thing without print, points lead by up to 1 % aside in so many."""
+points drift where light moves over a thing without print."""
 DOUBT = 0.1
 """Change of visible fraction, of edge support and of the loss's third that asks for a full one."""
 NO_POSE = OutsideChartError, np.linalg.LinAlgError
@@ -102,8 +102,8 @@ PLACE_ANEW = "Place it there, or later, as another key."
 MAX_OPEN_RISE = 0.04
 """Unexplained share above that at the key up to which nothing stands in front."""
 MAX_RISE = 0.06
-"""Unexplained share above that at the key from which a pose is not found: along right tracks it
-stays within it."""
+"""Unexplained share above that at the key from which a pose is not found: seen from the same sides,
+right tracks stay within it."""
 MAX_DROP = 0.25
 """Edge support below that at the key from which a pose is not found: in blurred frames of right
 tracks it falls by 0.2, and 5 % off by more."""
@@ -111,8 +111,8 @@ MAX_WRONG_RISE = 0.15
 """Unexplained share above that at the key from which a pose is lost that points do not tell, or
 that is beyond ``MAX_DROP``, too."""
 SURE_WITHOUT_KEY = 0.95
-"""Probability by the photo alone from which its unexplained share need not be the key's: of drawn
-films that turn by 90 degrees right poses have 0.96 and more, mirrored ones 0.94."""
+"""Probability by the photo alone from which its unexplained share need not be the key's, as other
+sides may be explained less; a mirrored print has less."""
 LIKELY = 0.5
 """Probability by the photo alone from which a pose is not lost for being unlike the key."""
 LOOK_AGAIN_S = 30.0
@@ -661,9 +661,9 @@ class _Chain:
                 return judged
         prior = replace(prior, last=None)
         ends = [_search_near(problem, renderer, prior, self._pool)]
+        by_loss = replace(prior, told=None)
         if prior.told is not None:  # points drift, and may have led beside the minimum
-            prior = replace(prior, told=None)
-            alone = _search_near(problem, renderer, prior, self._pool)
+            alone = _search_near(problem, renderer, by_loss, self._pool)
             ends = [_better(ends[0], alone, STEP_LEVEL)]
         is_looked_for = problem.loss.has_structure and problem.settings.in_front == "find"
         is_as_at_key = key and ends[0][0].unexplained <= key.unexplained + MAX_OPEN_RISE
@@ -673,7 +673,7 @@ class _Chain:
             if mask is None and before is not None and before.shape == shape:
                 mask = before  # it may still be there, and only not be told
             if mask is not None:
-                ends.append(self._search_behind(problem, renderer, mask, prior))
+                ends.append(self._search_behind(problem, renderer, mask, by_loss))
         # What is in front leaves a photo that is explained far better without it.
         end, covariance = _better(ends[0], ends[-1], PARTS * DOUBT)
         judging = end, judge, track, prior, covariance

@@ -178,6 +178,10 @@ def test_the_tab_survives_a_reload(browser: Browser, running: RunningApp) -> Non
         tab.open_step(4)
         tab.page.reload()
         tab.page.locator("[role=tab][aria-selected=true]", has_text="Judge").wait_for()
+        # One of another app that had this address: the first opens.
+        tab.page.evaluate("sessionStorage.setItem('step', 'Elsewhere')")
+        tab.reload()
+        tab.page.locator("[role=tab][aria-selected=true]", has_text="Place").wait_for()
 
 
 def test_on_a_phone_the_page_says_that_it_needs_a_mouse(

@@ -131,10 +131,18 @@ def test_nothing_is_looked_for_in_front_where_the_photo_is_explained_as_at_the_k
         asked.append(about)
         return find_occluded(*about, **how)
 
+    told, judge_in_film = list[bool](), propagation._judge_in_film
+
+    def judge(end: FitProgress, key: Any, is_told: bool, is_jump: bool) -> FitProgress:
+        told.append(is_told)
+        return judge_in_film(end, key, is_told, is_jump)
+
     monkeypatch.setattr(propagation, "find_occluded", find)
+    monkeypatch.setattr(propagation, "_judge_in_film", judge)
     _, ends = run(film(lambda _, pixels: pixels))
     assert max(error for error, _ in ends.values()) < 1.0
     assert len(asked) == 1  # at the key
+    assert told[0]  # points tell the motion, though the loss is minimised alone, too
 
 
 def hold_board(index: int, pixels: Pixels) -> Pixels:

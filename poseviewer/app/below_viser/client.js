@@ -33,9 +33,11 @@ const state = {
   anchor: [0, 0], // point of the photo, px, that follows the pointer in a pan
   sequence: Date.now(), // makes reports differ: viser drops repeated ones, also of earlier pages
   sent: "", // name of the last upload
-  step: sessionStorage.getItem("step") ?? CONFIG.first, // to be opened once its tab exists
+  step: CONFIG.first, // to be opened once its tab exists
   frames: 0, // since the tabs exist
 };
+const before = sessionStorage.getItem("step"); // of a page that is loaded again, or of another app
+if (CONFIG.steps.includes(before)) state.step = before;
 const LAYOUT_FRAMES = 15; // in which viser lays out the panels
 const vm = () => window.__viserMutable;
 const update = (uuid, value) => ({ type: "GuiUpdateMessage", uuid, updates: { value } });
