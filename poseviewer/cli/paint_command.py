@@ -6,6 +6,7 @@ from argparse import Namespace
 
 from poseviewer.cli import options as table
 from poseviewer.cli.terminal import say, tell_of_compiling
+from poseviewer.errors import percent
 
 OPTIONS = {
     "": (
@@ -58,5 +59,5 @@ def run(options: Namespace) -> int:
         if item.painting is not None:
             count = len(item.painting.photos)
             photos = "1 photo" if count == 1 else f"{count} photos"
-            say(f"{item.label}: {item.painting.share:.0%} of the surface, from {photos}")
+            say(f"{item.label}: {percent(item.painting.share)} of the surface, from {photos}")
     return 0

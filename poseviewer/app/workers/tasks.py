@@ -30,7 +30,7 @@ from poseviewer.app.workers.exporting import OF_FRAMES, Export, export
 from poseviewer.app.workers.jobs import renderer_of
 from poseviewer.app.workers.opening import has_demo_model, open_autosaved, open_file_set
 from poseviewer.app.workers.worker import Worker
-from poseviewer.errors import FileSetError, QuickStartError, SettingsError
+from poseviewer.errors import FileSetError, QuickStartError, SettingsError, percent
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.image_sequence import ImageSequence, load_sequence
 from poseviewer.files.scene_assets import load_model
@@ -267,7 +267,7 @@ def paint_active() -> QueuedTask:
         painting = paint_object(document.scene, document.active)
         for mesh in (painting.mesh, painting.contrast):
             renderer_of(mesh)
-        count, share = len(painting.photos), f"{painting.share:.0%} of the surface is painted"
+        count, share = len(painting.photos), f"{percent(painting.share)} of the surface is painted"
         note = f"{share}, from {count} photo{'s' * (count > 1)}."
         return TaskResult((take_painting(item.id, painting),), (note,))
 
