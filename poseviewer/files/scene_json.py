@@ -197,7 +197,9 @@ DESCRIPTIONS: dict[type, str] = {
         picture that is black where a search found something in front; masks are the user's.""",
     SearchResult: """Result of the last search for an object. view: index of the view that chart and
         uncertainty are of; seen: for each view, the share of the model's pixels that count, null
-        where it was not compared; settings: those of the search. The rest is as in pose files.""",
+        where it was not compared; residuals_px: for each view of a set of more than ten, how far in
+        its photo the view's own best pose is off; settings: those of the search. The rest is as in
+        pose files.""",
     SceneObject: """A model in the scene. id: of this object alone, the same model may be there
         several times; name: for people; start: where the last search began; in_views: one for each
         view, or none; start_cameras: the views' then, where a focal length was another; locked:

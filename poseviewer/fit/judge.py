@@ -39,6 +39,9 @@ WRONG_SHIFT = 0.2
 """Standard deviation of a wrong pose's translation, in radii."""
 WRONG_SIZE = 0.1
 """Standard deviation of the logarithm of a wrong pose's size."""
+MAX_PROBED = 3
+"""Number of views in each of which rivals are looked for. Of more as many are looked at together: a
+pose that all views share has a rival only where they share that, too."""
 RETURNS = 4
 """Number of descents from poses near by, which should return to the pose."""
 RETURN_DISTANCE = 0.15
@@ -87,9 +90,12 @@ def judge_end(
     parameters = progress.parameters
     features = rival = None
     if len(problem.views) > 1:
-        pairs = zip(problem.by_view, problem.poses(parameters), strict=True)
+        poses = problem.poses(parameters)
+        if len(poses) > MAX_PROBED and probed is None:
+            probed = _probe_together(problem, renderer, poses, threads)
+        pairs = zip(problem.by_view, poses, strict=True)
         in_views = [replace(progress, problem=problem, pose=pose) for problem, pose in pairs]
-        each = [judge_end(own, renderer, threads) for own in in_views]
+        each = [judge_end(own, renderer, threads, probed) for own in in_views]
         verdict = judge_together([one.verdict for one in each if one.verdict is not None])
         if verdict.label != "lost":
             charts, known = [view.chart for view in problem.views], [one.covariance for one in each]
@@ -111,6 +117,21 @@ def judge_end(
             covariance = find_covariance(probe, features.seen)
     verdict = _add_reservations(verdict, problem, covariance)
     return replace(progress, verdict=verdict, covariance=covariance, rival=rival)
+
+
+def _probe_together(
+    problem: FitProblem, renderer: Renderer, poses: Sequence[Pose], threads: int
+) -> Features | None:
+    """Features by the mean loss of some views; None: the model is invisible in the first."""
+    chosen = range(0, len(poses), math.ceil(len(poses) / MAX_PROBED))
+    some = replace(problem, views=tuple(problem.views[index] for index in chosen))
+    first, *others = (poses[index] for index in chosen)
+    with (
+        suppress(PoseViewerError),
+        closing(Probe(some, renderer, first, threads, False, others)) as probe,
+    ):
+        return gather_features(probe)[0]
+    return None
 
 
 def bare_renderer(mesh: Mesh, renderer: Renderer) -> Renderer:

@@ -17,11 +17,11 @@ from poseviewer.geometry.charts import OutsideChartError, has_focal, has_princip
 from poseviewer.geometry.free_body_chart import FreeBodyChart
 from poseviewer.geometry.mesh import hull_points, principal_axes
 from poseviewer.geometry.symmetry_group import Symmetry
-from poseviewer.geometry.transform import rotation_about
+from poseviewer.geometry.transform import RigidTransform, rotation_about
 from poseviewer.losses.default_loss import DEFAULT
 from poseviewer.optimise.nelder_mead import Descent
 from poseviewer.optimise.protocol import State
-from poseviewer.render.attributes import Renderer
+from poseviewer.render.attributes import PhotoAttributes, Renderer
 from poseviewer.render.pool import RendererPool
 from poseviewer.render.pyramid.levels import (
     Level,
@@ -51,8 +51,17 @@ class Probe:
         pose: Pose,
         threads: int = 1,
         is_fine: bool = False,
+        in_others: Sequence[Pose] = (),
     ) -> None:
         """Prepare to probe a pose, on the photo itself (``is_fine``) or its coarsest level.
+
+        Args:
+            problem: problem whose first view the pose is in.
+            renderer: renderer of the model.
+            pose: the pose.
+            threads: number of threads.
+            is_fine: whether losses are on the photo itself.
+            in_others: the same pose in the problem's further views, whose losses count as much.
 
         Raises:
             PoseViewerError: a chart has no parameters at the pose.
@@ -68,24 +77,43 @@ class Probe:
         motions = free_motions(problem, problem.chart.from_pose(pose), self.chart)
         self.motions = _without_equal(motions, self.chart, self.symmetry)
         """(k, d): orthonormal, in the parameters of ``chart``; none leads along equal poses."""
-        photo = problem.photo
-        if photo.structure is None:  # by classes and edges near the pose, whatever was compared
-            near = photo.weights * box_near(self.mesh, pose).mask(*photo.weights.shape)
-            plain = replace(photo, weights=near, clipped=False)
-            photo = with_structure(plain, working_factor(self.mesh, pose))
-        self.photo = photo
+        self._poses = (pose, *in_others)
+        pairs = zip(problem.views, self._poses, strict=False)
+        self._photos = [self._with_structure(view.photo, own) for view, own in pairs]
         self._is_fine, self._threads = is_fine, threads
 
+    def _with_structure(self, photo: PhotoAttributes, pose: Pose) -> PhotoAttributes:
+        """The photo by classes and edges near a pose, whatever was compared."""
+        if photo.structure is not None:
+            return photo
+        near = photo.weights * box_near(self.mesh, pose).mask(*photo.weights.shape)
+        plain = replace(photo, weights=near, clipped=False)
+        return with_structure(plain, working_factor(self.mesh, pose))
+
+    @property
+    def photo(self) -> PhotoAttributes:
+        """Attributes of the first view's photo."""
+        return self._photos[0]
+
     @cached_property
-    def level(self) -> Level:
-        """The photo's level on which losses are evaluated."""
-        about = self.photo, self.renderer, self.chart.start
-        least = MIN_STRUCTURE_PIXELS
-        return lighter_level(*about) if self._is_fine else coarsest_level(*about, least)
+    def _levels(self) -> tuple[Level, ...]:
+        """The level of each photo on which losses are evaluated."""
+        pairs = zip(self._photos, self._poses, strict=True)
+        return tuple(
+            lighter_level(photo, self.renderer, pose)
+            if self._is_fine
+            else coarsest_level(photo, self.renderer, pose, MIN_STRUCTURE_PIXELS)
+            for photo, pose in pairs
+        )
+
+    @cached_property
+    def _motions_to_others(self) -> list[RigidTransform]:
+        back = self._poses[0].camera_from_model.inverse()
+        return [pose.camera_from_model @ back for pose in self._poses[1:]]
 
     @cached_property
     def _pool(self) -> RendererPool:
-        return RendererPool(self.level.renderer, self._threads)
+        return RendererPool(tuple(level.renderer for level in self._levels), self._threads)
 
     def close(self) -> None:
         """End the threads."""
@@ -107,17 +135,24 @@ class Probe:
     def descend(self, descents: Sequence[tuple[FloatArray, Descent]]) -> list[State]:
         """Descend from steps (k,), and return the last state of each descent."""
 
-        def run(renderer: Renderer, one: tuple[FloatArray, Descent]) -> State:
+        def run(renderers: tuple[Renderer, ...], one: tuple[FloatArray, Descent]) -> State:
             start, descent = one
-            return descent.run(partial(self._loss, renderer), start)
+            return descent.run(partial(self._loss, renderers), start)
 
         return list(self._pool.map(run, descents, at_a_time=1))
 
-    def _loss(self, renderer: Renderer, step: FloatArray) -> float:
+    def _loss(self, renderers: tuple[Renderer, ...], step: FloatArray) -> float:
+        """The mean loss over the views; infinite where a step leads to no pose."""
         try:
-            return DEFAULT.of_moments(renderer.moments(self.pose(step), self.level.photo))
+            first = self.pose(step)
         except OutsideChartError:
             return np.inf
+        poses, own = [first], first.camera_from_model
+        for motion, pose in zip(self._motions_to_others, self._poses[1:], strict=True):
+            poses.append(replace(pose, camera_from_model=motion @ own))
+        each = zip(renderers, poses, self._levels, strict=True)
+        losses = [DEFAULT.of_moments(r.moments(pose, level.photo)) for r, pose, level in each]
+        return sum(losses) / len(losses)
 
     def turns(self, *degrees: float) -> FloatArray:
         """(t, k): steps that rotate the model by ``degrees`` about each of its principal axes, as

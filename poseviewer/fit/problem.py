@@ -8,8 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.errors import SettingsError, SingularChartError
+from poseviewer.errors import SettingsError, SingularChartError, list_names
 from poseviewer.fit.compared_pixels import ViewResidual, make_view_term
+from poseviewer.fit.view_choice import choose_views
 from poseviewer.fit.visibility import Occlusion, make_occlusion
 from poseviewer.geometry.arrays import FloatArray, freeze_array
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
@@ -185,17 +186,23 @@ def make_problem(
     item = scene.objects[object_index]
     settings = item.settings
     occluded = occlusions(scene, object_index, view_index) if occluded is None else occluded
-    view_indices = [index for index, own in occluded.items() if own is None or not own.is_total]
+    totally = [index for index, own in occluded.items() if own is not None and own.is_total]
+    view_indices = [index for index in occluded if index not in totally]
     if not view_indices:
         raise SettingsError(
             "the model stands wholly behind other objects of the photo, so that nothing of it can "
             "be compared: move it or them, or leave these out"
         )
-    notes = [
-        f"{view.name} does not see the model where it starts, and is left out."
+    seen = set(views_that_show(scene, object_index, view_index)) - set(totally)
+    unseen = [
+        view.name
         for index, view in enumerate(scene.views)
-        if index not in view_indices and scene.in_view(object_index, index).is_compared
+        if index not in seen and scene.in_view(object_index, index).is_compared
     ]
+    notes = [f"{name} does not see the model where it starts, and is left out." for name in unseen]
+    if len(unseen) > 1:
+        many = f"{len(unseen)} photos do not see the model where it starts, and are left out"
+        notes = [f"{many}: {list_names(unseen)}."]
     if len(view_indices) == 1:
         if scene.free_scale:
             raise SettingsError(
@@ -255,19 +262,32 @@ def with_params(
     return scene
 
 
+def views_that_show(scene: Scene, object_index: int, view_index: int = 0) -> list[int]:
+    """Return the indices of the views that are compared and show an object where it stands, of
+    which ``view_index`` comes first, and is there in any case.
+    """
+    return [view_index] + [
+        index
+        for index in range(len(scene.views))
+        if index != view_index
+        and scene.in_view(object_index, index).is_compared
+        and scene.model_at(object_index, index).is_seen
+    ]
+
+
 def occlusions(scene: Scene, object_index: int, view_index: int = 0) -> dict[int, Occlusion | None]:
-    """Find the occlusion of an object by other trusted objects in each view that shows it.
+    """Find the occlusion of an object by other trusted objects in each view that a search compares:
+    of many that show it, in some (``choose_views``).
 
     The view ``view_index`` comes first, and is there in any case.
     """
     trusted = [i for i, one in enumerate(scene.objects) if i != object_index and one.is_occluder]
+    shown = views_that_show(scene, object_index, view_index)
     by_view: dict[int, Occlusion | None] = {}
-    for index in sorted(range(len(scene.views)), key=lambda index: index != view_index):
+    for index in choose_views(scene, object_index, shown):
+        occluders = [scene.model_at(other, index) for other in trusted]
         placed = scene.model_at(object_index, index)
-        is_wanted = scene.in_view(object_index, index).is_compared
-        if index == view_index or (is_wanted and placed.is_seen):
-            occluders = [scene.model_at(other, index) for other in trusted]
-            by_view[index] = make_occlusion(placed, occluders) if occluders else None
+        by_view[index] = make_occlusion(placed, occluders) if occluders else None
     return by_view
 
 

@@ -6,6 +6,7 @@ import enum
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.losses.loss import LossScale
 from poseviewer.scene.settings import FitSettings
 from poseviewer.scene.types import Scene
+
+if TYPE_CHECKING:
+    from poseviewer.fit.survey import SurveyedView
 
 
 class Status(enum.Enum):
@@ -77,6 +81,9 @@ class FitProgress:
     """Covariance of the pose, if it is right; in the last progress, None for a lost pose."""
     rival: Pose | None = None
     """Pose of less loss that the verdict came upon."""
+    surveyed: tuple[SurveyedView, ...] = ()
+    """All views that show the model, where the search has compared some of them, the problem's
+    first one first; in the last progress of a search alone."""
 
     @classmethod
     def at_start(cls, problem: FitProblem) -> FitProgress:
@@ -133,6 +140,7 @@ class FitProgress:
             verdict=judged.verdict,
             covariance=judged.covariance,
             rival=judged.rival,
+            surveyed=judged.surveyed,
         )
 
 

@@ -32,6 +32,7 @@ from poseviewer.confidence.verdict import (
     Features,
     Verdict,
     among,
+    judge_together,
 )
 from poseviewer.fit.compared_pixels import ViewResidual, enlarge_mask
 from poseviewer.fit.judge import bare_renderer, judge_end
@@ -43,11 +44,14 @@ from poseviewer.fit.problem import (
     occlusions,
     pose_loss,
     pose_to_params,
+    views_that_show,
     with_params,
 )
 from poseviewer.fit.progress import FitProgress, SearchProgress, Status
 from poseviewer.fit.proportions import other_proportions
 from poseviewer.fit.stages import StageMaker, fit_pose, make_stages
+from poseviewer.fit.survey import apart_note, join, survey, with_residuals
+from poseviewer.fit.view_choice import MAX_SEARCHED
 from poseviewer.fit.visibility import Occlusion, visibility
 from poseviewer.geometry.camera import Perspective, Pose, principal_offset
 from poseviewer.geometry.charts import LOG_FOCAL, PRINCIPAL_POINT
@@ -251,6 +255,7 @@ class Search:
             gain = loss - best.loss if has_occluders else math.inf
         best = self._check_proportions((yield from self._finish(best, gain)))
         best = yield from self._try_proposals(best, occluded)
+        best = yield from self._survey(best)
         is_unsure = best.verdict is not None and not is_sure(best)
         yield self._publish(
             self._restore_start(best) if is_unsure and problem.settings.keep_start else best
@@ -373,6 +378,42 @@ class Search:
                 break
         return spend(choose_end(ends), ends[-1])
 
+    def _survey(self, end: FitProgress) -> Steps[FitProgress]:
+        """Look at the end in all views, where the search has compared some of them."""
+        index, first = self._object_index, end.problem.views[0].view_index
+        shown = views_that_show(self.scene, index, self._view_index)
+        verdict, problem = end.verdict, end.problem
+        if verdict is None or verdict.label == "lost" or not end.may_continue:
+            return end
+        if len(shown) <= MAX_SEARCHED or len(problem.views) == 1:
+            return end
+        probed = next((Features(**one.features) for one in verdict.views if one.features), None)
+        scene, each = with_params(self.scene, index, problem, end.parameters), []
+        order = [first, *(number for number in shown if number != first)]
+        for view in survey(scene, index, order, probed, self._judges[index], self._threads):
+            each.append(view)
+            seconds = time.perf_counter() - self._began
+            yield self._publish(replace(end, status=Status.RUNNING, seconds=seconds))
+        pose, scale = join(scene, index, each, first)
+        each = with_residuals(scene.with_pose(index, pose, first, scale), index, each)
+        parameters = end.parameters.copy()
+        moved = pose_to_params(problem.chart, pose, scale)
+        parameters[:6], parameters[-1] = (
+            moved[:6],
+            moved[-1] if scene.free_scale else parameters[-1],
+        )
+        verdict = judge_together([view.verdict for view in each])
+        return replace(
+            end,
+            parameters=parameters,
+            pose=problem.chart.to_pose(parameters),
+            loss=pose_loss(problem, self._renderer, parameters),
+            seconds=time.perf_counter() - self._began,
+            verdict=verdict,
+            covariance=end.covariance and replace(end.covariance, pose=pose),
+            surveyed=tuple(each),
+        )
+
     def _check_proportions(self, end: FitProgress) -> FitProgress:
         """Judge whether other proportions of the model explain the only photo as well or better."""
         verdict, (view, *others) = end.verdict, end.problem.views
@@ -421,6 +462,8 @@ def with_end(scene: Scene, object_index: int, progress: FitProgress, renderer: R
     scene = with_params(scene, object_index, problem, parameters)
     visible: list[float | None] = [None] * len(scene.views)
     masks: list[OcclusionMask] = [None] * len(scene.views)
+    for surveyed in progress.surveyed:
+        visible[surveyed.view_index] = surveyed.verdict.features.get("seen", 0.0)
     for view, pose in zip(problem.views, problem.poses(parameters), strict=True):
         visible[view.view_index] = visible_fraction(view.photo, renderer, pose)
         if view.occluded is not None:
@@ -438,7 +481,12 @@ def make_search_result(scene: Scene, object_index: int, progress: FitProgress) -
     first = scene.views[problem.views[0].view_index]
     notes = [first.photo.focal_note(problem.chart.to_pose(progress.parameters).camera)]
     verdicts = () if verdict is None else verdict.views
-    if any(one.label != "found" for one in verdicts):
+    surveyed = progress.surveyed
+    residuals = dict.fromkeys(range(len(scene.views) if surveyed else 0), None)
+    residuals |= {view.view_index: view.residual_px for view in surveyed}
+    if surveyed:
+        notes.append(apart_note(scene, surveyed))
+    elif any(one.label != "found" for one in verdicts):
         worst = min(range(len(verdicts)), key=lambda number: verdicts[number].probability)
         notes.append(
             f"{scene.views[problem.views[worst].view_index].name} goes least with the others: "
@@ -455,6 +503,7 @@ def make_search_result(scene: Scene, object_index: int, progress: FitProgress) -
         notes=tuple(filter(None, notes)),
         view=problem.views[0].view_index,
         covariance=progress.covariance,
+        residuals_px=tuple(residuals.values()),
     )
 
 

@@ -36,6 +36,12 @@ def results_by_view(
         end: last progress of the search.
         renderer: renderer of the object.
     """
+    for view in end.surveyed:  # all, while the search has compared some
+        pose, seen = scene.pose(object_index, view.view_index), view.verdict.features.get("seen")
+        known = view.loss, view.scale, view.verdict, seen
+        yield ViewResult(scene.views[view.view_index], pose, *known)
+    if end.surveyed:
+        return
     result = scene.objects[object_index].result
     problems, verdicts = end.problem.by_view, () if end.verdict is None else end.verdict.views
     for problem, verdict in zip(problems, verdicts or [end.verdict] * len(problems), strict=True):

@@ -136,6 +136,8 @@ class SearchResult:
     unexplained: float | None = None
     seen: tuple[float | None, ...] = ()
     """For each view, the share of the model's pixels that count, in [0, 1]; None: not compared."""
+    residuals_px: tuple[float | None, ...] = ()
+    """For each view of a large set, how far in its photo the view's own best pose is off, px."""
     verdict: Verdict | None = None
     view: Annotated[int, Meta(ge=0)] = 0
     """Index of the view that chart and covariance are of."""
