@@ -325,6 +325,8 @@ def loss_text(session: Session) -> str:
     scale, loss, is_coarse = known
     text, count = scale.text(loss), len(losses.by_view)
     text = _as_coarse(text) if is_coarse else text
+    if session.document.scene.has_many_views and session.document.object.result is None:
+        return f"{text} at this pose, in this photo"
     return f"{text} at this pose" + (f", mean of {count} photos" if count > 1 else "")
 
 

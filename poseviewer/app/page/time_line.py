@@ -21,8 +21,8 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.scene.types import Frame, FramePose, SceneObject
 
 STATES = ("off", "found", "placed", "none", "doubtful", "lost")
-"""States of an object in a frame: the verdict, or placed by hand, or no pose; the worst last. Off is
-a view that is not compared.
+"""States of an object in a frame: the verdict, or placed by hand, or no pose; the worst last. Off:
+the view is not compared.
 """
 MAX_SEGMENTS = 2000
 """Parts into which the time line is divided; of several frames in one part, the worst is shown."""

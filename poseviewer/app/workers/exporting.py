@@ -200,7 +200,7 @@ def _convert(
             if not FORMATS[what].several_objects:
                 scene = replace(scene, objects=(scene.objects[document.active],))
             notes += FORMATS[what].convert(scene, out, options)[1]
-            notes += write_masks(scene, out, options) if what == "bop" else []
+            notes += write_masks(scene, out, options, tell) if what == "bop" else []
         else:
             save_pictures(out, pictures_of_objects(scene), overwrite=True)
         files = sorted(path for path in Path(folder).rglob("*") if path.is_file())
