@@ -1,6 +1,5 @@
 """Sets and scenes of many photos, which are read one at a time."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from tests.many_views import CAMERA, COUNT, NAMES, write_many, write_two_in_many
 
 
 @pytest.fixture
-def read(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
+def read(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Names of the photos whose pixels were read."""
     names = list[str]()
 
