@@ -20,6 +20,8 @@ from poseviewer.scene.assets import PhotoFile
 from poseviewer.scene.types import MANY_VIEWS, View
 
 KIND = "set of photos"
+SET = "set.json"
+"""File in a folder that says the cameras of its photos, as ``poseviewer cameras`` writes it."""
 COLMAP_FOLDERS = ("", "sparse/0", "sparse")
 """Folders of a project in which its model may lie."""
 PHOTO_FOLDERS = ("", "images", "../images", "../../images", "..", "../..")
@@ -100,7 +102,7 @@ def _read_calibrated(view: View, notes: Sequence[str]) -> Photo:
 
 
 def describe_folder(path: Path) -> str:
-    """Say what a folder holds: a COLMAP model, a BOP scene, images; "": nothing that is known."""
+    """Say what a folder holds: a set, a COLMAP model, a BOP scene, images; "": nothing known."""
     for name in COLMAP_FOLDERS:
         images = colmap_file(path / name, "images")
         if images.is_file():
@@ -109,6 +111,8 @@ def describe_folder(path: Path) -> str:
             )
     if (path / CAMERAS).is_file():
         return f"a BOP scene of {len(load_bop_images(path, notes=[]))} images with cameras"
+    if is_there(path / SET):
+        return f"a set of {len(load_scene(path / SET).views)} photos with cameras, {SET}"
     images = images_in(path)
     if len(images) > 1:
         return f"{len(images)} images, {images[0].name} to {images[-1].name}: a sequence or a set"
@@ -138,8 +142,10 @@ def _views(
                 return _of_colmap(file, path / name, choice), None, None, True
         if (path / CAMERAS).is_file():
             return _of_bop(file, choice), UNIT, None, False
-        wanted = f"wanted COLMAP's model (images.bin or .txt) or a BOP scene ({CAMERAS})"
-        raise file.error("a folder without a set of photos", wanted)
+        if is_there(path / SET):
+            return _of_scene(path / SET)
+        known = f"a set ({SET}), COLMAP's model (images.bin or .txt) or a BOP scene ({CAMERAS})"
+        raise file.error("a folder without a set of photos", f"wanted {known}")
     data = file.load_object()
     if isinstance(frames := data.get("frames"), list) and data.get("format") != s.SCENE:
         entries = (data | file.object(frame, "a frame") for frame in frames)
@@ -148,6 +154,10 @@ def _views(
     if data.get("format") != s.SCENE:
         found = f"format is {kind_of(data.get('format'))}"
         raise file.error(found, f"wanted {s.SCENE!r}, or nerfstudio's frames")
+    return _of_scene(path)
+
+
+def _of_scene(path: Path) -> tuple[Iterable[View], str | None, float | None, bool]:
     scene = load_scene(path)
     return scene.views, scene.unit, None if scene.free_scale or scene.unit else 1.0, False
 
