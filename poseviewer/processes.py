@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
@@ -25,6 +25,8 @@ _SPAWN = multiprocessing.get_context("spawn")
 """A fork would copy an OpenGL context, and other threads' locks as they happen to be."""
 CONTROL_GROUP = Path("/sys/fs/cgroup/memory.max")
 """File in which a container finds how much memory it has."""
+TOLD, RETURNED = "told", "returned"
+"""Kinds of what a process writes that is iterated over."""
 TICK_S = 1.0
 """Time between two looks at what the processes have done so far, s."""
 
@@ -85,6 +87,73 @@ def answer() -> None:
         result = error
     with out:
         out.write(pickle.dumps(result))
+
+
+def iterate_in_subprocess(
+    function: Callable[..., Result], *given: Any
+) -> Generator[Any, None, Result]:
+    """Yield what a function of a module tells, called in a process of its own as
+    ``function(tell, *given)``; return its result. Closing the generator ends the process.
+
+    Raises:
+        Exception: as the function.
+        subprocess.CalledProcessError: the process ended at it.
+    """
+    code = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import tell_all; tell_all()"
+    # Ctrl-C goes to all processes of a terminal's session; this one is ended by its starter.
+    child = subprocess.Popen(
+        [sys.executable, "-c", code],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    assert child.stdin is not None
+    assert child.stdout is not None
+    try:
+        with suppress(BrokenPipeError):
+            child.stdin.write(pickle.dumps((function, given)))
+            child.stdin.flush()
+        while True:
+            try:
+                kind, item = pickle.load(child.stdout)
+            except (EOFError, pickle.UnpicklingError):
+                raise subprocess.CalledProcessError(child.wait(), function.__name__) from None
+            if kind == TOLD:
+                yield item
+            elif kind == RETURNED:
+                return item
+            else:
+                raise item
+    finally:
+        child.kill()
+        with suppress(OSError):  # what it did not read
+            child.stdin.close()
+        child.stdout.close()
+        child.wait()
+
+
+def tell_all() -> None:
+    """Call the function that the standard input names; write what it tells, and its result or
+    error. The process ends when its starter does.
+    """
+    out = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # libraries print
+    function, given = pickle.load(sys.stdin.buffer)
+
+    def end() -> None:
+        os.read(0, 1)
+        os._exit(1)
+
+    def send(kind: str, item: Any) -> None:
+        out.write(pickle.dumps((kind, item)))
+        out.flush()
+
+    threading.Thread(target=end, name="end with parent", daemon=True).start()
+    try:
+        send(RETURNED, function(lambda item: send(TOLD, item), *given))
+    except Exception as error:  # noqa: BLE001 - the starter raises it
+        send("raised", error)
 
 
 def run_in_processes(

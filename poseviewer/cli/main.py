@@ -49,6 +49,7 @@ COMMANDS = {
     "study": "measure from how far off fits find the pose",
     "batch": "fit many photos",
     "track": "propagate poses through a video or a folder of frames",
+    "cameras": "find the cameras of a clip or photos of a scene that stands still",
     "paint": "paint the model from photos at known poses, and write it",
     "audit": "refine and judge given poses, and list those that seem wrong",
     "review": "review the results of a batch or an audit, the worst first",

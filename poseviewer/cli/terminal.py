@@ -41,11 +41,20 @@ def tell_of_compiling() -> None:
         tell("Compiling the kernels for this machine: about half a minute, this once.")
 
 
-def progress_bar(total: int | None, quiet: bool, done: int = 0) -> tqdm:
-    """Make a progress bar on standard error, shown after a second; ``done`` were so before."""
+def progress_bar(
+    total: int | None, quiet: bool, done: int = 0,
+    shape: str = "{desc} [{elapsed}, {n_fmt} evaluations, {rate_fmt}]",
+) -> tqdm:  # fmt: skip
+    """Make a progress bar on standard error, shown after a second.
+
+    Args:
+        total: number of steps; None: not known.
+        quiet: whether nothing is shown.
+        done: steps that were done before.
+        shape: tqdm's format of a bar without a total.
+    """
     from tqdm import tqdm
 
-    shape = "{desc} [{elapsed}, {n_fmt} evaluations, {rate_fmt}]"
     if total is not None:
         shape = "{percentage:3.0f}% |{bar}| {n_fmt}/{total_fmt} [{elapsed}<{remaining}]"
     # A log file needs a line now and then, not ten a second.

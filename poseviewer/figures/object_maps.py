@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -133,15 +133,27 @@ def save_pictures(folder: Path, pictures: Mapping[str, bytes], overwrite: bool) 
         write_whole(folder / name, data, PoseFileError)
 
 
-def write_masks(scene: Scene, out: Path, options: ConvertOptions) -> list[str]:
-    """Write masks and ``scene_gt_info.json`` of a BOP scene; return notes on those left out."""
+def write_masks(
+    scene: Scene,
+    out: Path,
+    options: ConvertOptions,
+    tell: Callable[[int, int], object] = lambda *_: None,
+) -> list[str]:
+    """Write masks and ``scene_gt_info.json`` of a BOP scene; return notes on those left out.
+
+    Args:
+        scene: as it was written.
+        out: folder of the BOP scene.
+        options: as it was written with.
+        tell: is given the number of the image that is drawn, and that of all.
+    """
     if not all(item.model.location.is_file() for item in scene.objects):
         return [f"{INFO} and masks are not written: a model is not there; add `model`."]
     infos = load_scene_file(out / INFO)
     poses = load_scene_file(out / POSES)
     notes = []
-    views = scene.views[:1] if len(scene.objects) > 1 else scene.views
-    for view_index, view in enumerate(views):
+    for view_index, view in enumerate(scene.views):
+        tell(view_index + 1, len(scene.views))
         number = image_number(scene, options, view_index)
         pictures = pictures_of_objects(replace(scene, views=(view,)), number, masks_alone=True)
         new = json.loads(pictures.pop(INFO))

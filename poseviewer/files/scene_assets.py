@@ -8,7 +8,7 @@ from pathlib import Path
 from poseviewer.errors import PoseFileError, list_names, printable
 from poseviewer.files.keypoints import load_keypoints
 from poseviewer.files.mesh.load import load_mesh
-from poseviewer.files.photo import load_photo, undistort_photo
+from poseviewer.files.photo import load_header, load_photo, undistort_photo
 from poseviewer.files.pose import check_against
 from poseviewer.files.structs import PhotoReference
 from poseviewer.files.symmetry import load_symmetry
@@ -77,11 +77,14 @@ def _is_unchanged(file: PhotoFile) -> bool:
 
 def _read(path: Path, size: tuple[int, int], undone: Undistortion | None) -> Photo:
     photo = load_photo(path)
-    if size not in ((0, 0), (photo.width, photo.height)):
-        found = f"{photo.width}x{photo.height} px, and its camera is for {size[0]}x{size[1]} px"
-        wanted = "name the photo that the camera was found with"
-        raise PoseFileError(f"{photo.name}: {found}; {wanted}.")
+    _require_size(photo.name, (photo.width, photo.height), size)
     return photo if undone is None else undistort_photo(photo, undone)
+
+
+def _require_size(name: str, found: tuple[int, int], wanted: tuple[int, int]) -> None:
+    if wanted not in ((0, 0), found):
+        said = "{}x{} px, and its camera is for {}x{} px".format(*found, *wanted)
+        raise PoseFileError(f"{name}: {said}; name the photo that the camera was found with.")
 
 
 def with_photo(view: View, path: Path, sha256: str | None = None) -> View:
@@ -99,6 +102,27 @@ def open_view(view: View) -> tuple[View, tuple[str, ...]]:
     photo = view.photo
     notes = check_against(PhotoReference(view.name, sha256=view.file.sha256), photo.sha256)
     return replace(view, file=PhotoFile.of(photo, path)), notes
+
+
+def open_view_at_rest(view: View) -> tuple[View, tuple[str, ...]]:
+    """Read header and fingerprint of a view's photo alone, as ``open_view``; each handle of the
+    photo reads it anew.
+
+    Raises:
+        PhotoFileError: there is no such picture.
+        PoseFileError: it has another size than the view.
+    """
+    path = view.path
+    if path is None:
+        return open_view(view)
+    header, sha256 = load_header(path), sha256_of(path)
+    if not view.file.width:
+        view = view.resize_photo(header.width, header.height)
+    size = view.file.width, view.file.height
+    _require_size(view.name, (header.width, header.height), size)
+    notes = check_against(PhotoReference(view.name, sha256=view.file.sha256), sha256)
+    read = partial(_read, path, size, view.file.undistortion)
+    return replace(view, file=replace(view.file, sha256=sha256, read=read)), notes
 
 
 def load_model(path: str | Path) -> ModelFile:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path, PurePosixPath
 
 from poseviewer.files import structs as s
@@ -11,13 +12,16 @@ from poseviewer.files.formats.bop import CAMERAS, UNIT, WORLD, load_bop_images
 from poseviewer.files.formats.conversion import ConvertOptions, as_shown
 from poseviewer.files.formats.reconstructions import colmap_views, frame_view, with_slashes
 from poseviewer.files.image_sequence import images_in
-from poseviewer.files.scene_assets import open_view, view_of_file, with_photo
+from poseviewer.files.scene_assets import open_view, open_view_at_rest, view_of_file, with_photo
 from poseviewer.files.scene_json import load_scene
 from poseviewer.geometry.camera import Perspective
+from poseviewer.geometry.image import Photo
 from poseviewer.scene.assets import PhotoFile
-from poseviewer.scene.types import View
+from poseviewer.scene.types import MANY_VIEWS, View
 
 KIND = "set of photos"
+SET = "set.json"
+"""File in a folder that says the cameras of its photos, as ``poseviewer cameras`` writes it."""
 COLMAP_FOLDERS = ("", "sparse/0", "sparse")
 """Folders of a project in which its model may lie."""
 PHOTO_FOLDERS = ("", "images", "../images", "../../images", "..", "../..")
@@ -52,7 +56,8 @@ class SetChoice:
 
 
 def load_views(path: str | Path, choice: SetChoice | None = None) -> LoadedViews:
-    """Load the set in a file or a folder, with its photos, undistorted.
+    """Load the set in a file or a folder, with its photos, undistorted; of many, each photo is read
+    when it is asked for.
 
     Raises:
         PoseViewerError: it is none, or of fewer than two photos; a photo or a mask is not there, is
@@ -62,21 +67,24 @@ def load_views(path: str | Path, choice: SetChoice | None = None) -> LoadedViews
     file = InputFile(path, kind=KIND)
     with file.naming_errors():
         records, unit, scale, is_of_stored = _views(file, choice)
-        views: list[View] = []
-        for unread in records:
-            if _is_chosen(str(unread.file.location), choice.photos):
-                notes: list[str] = []
-                shown = as_shown(unread, unread.file.location, notes) if is_of_stored else unread
-                s.check_camera(file, shown.camera)
-                view = open_view(shown)[0]
-                for other in views:  # before the next is read: a list may name one many times
-                    if other.photo.sha256 == view.photo.sha256:
-                        found = f"{other.name} and {view.name} are one photo twice"
-                        wanted = "a set has each photo once, leave one of them out"
-                        raise file.error(found, wanted)
-                camera = view.camera if isinstance(view.camera, Perspective) else None
-                photo = replace(view.photo, camera=camera, notes=(*view.photo.notes, *notes))
-                views.append(replace(view, file=PhotoFile.of(photo, view.path)))
+        views, names = list[View](), dict[str | None, str]()
+        chosen = [v for v in records if _is_chosen(str(v.file.location), choice.photos)]
+        for unread in chosen:
+            notes: list[str] = []
+            shown = as_shown(unread, unread.file.location, notes) if is_of_stored else unread
+            s.check_camera(file, shown.camera)
+            is_of_many = len(chosen) > MANY_VIEWS
+            view = (open_view_at_rest if is_of_many else open_view)(shown)[0]
+            if other := names.get(view.file.sha256):  # before the next: a list may name one often
+                found = f"{other} and {view.name} are one photo twice"
+                wanted = "a set has each photo once, leave one of them out"
+                raise file.error(found, wanted)
+            names[view.file.sha256] = view.name
+            read = partial(_read_calibrated, view, notes)
+            of_set = (
+                replace(view.file, read=read) if is_of_many else PhotoFile.of(read(), view.path)
+            )
+            views.append(replace(view, file=of_set))
         for wanted in choice.photos:
             if not any(_is_chosen(str(view.path), [wanted]) for view in views):
                 raise file.error(f"it has no photo {wanted}", "choose others with `photos`")
@@ -86,8 +94,15 @@ def load_views(path: str | Path, choice: SetChoice | None = None) -> LoadedViews
         return LoadedViews(path.resolve().name, with_names(views), unit, scale)
 
 
+def _read_calibrated(view: View, notes: Sequence[str]) -> Photo:
+    """Read the photo of a view anew, with its camera and notes on it."""
+    photo = view.file.read()
+    camera = view.camera if isinstance(view.camera, Perspective) else None
+    return replace(photo, camera=camera, notes=(*photo.notes, *notes))
+
+
 def describe_folder(path: Path) -> str:
-    """Say what a folder holds: a COLMAP model, a BOP scene, images; "": nothing that is known."""
+    """Say what a folder holds: a set, a COLMAP model, a BOP scene, images; "": nothing known."""
     for name in COLMAP_FOLDERS:
         images = colmap_file(path / name, "images")
         if images.is_file():
@@ -96,6 +111,8 @@ def describe_folder(path: Path) -> str:
             )
     if (path / CAMERAS).is_file():
         return f"a BOP scene of {len(load_bop_images(path, notes=[]))} images with cameras"
+    if is_there(path / SET):
+        return f"a set of {len(load_scene(path / SET).views)} photos with cameras, {SET}"
     images = images_in(path)
     if len(images) > 1:
         return f"{len(images)} images, {images[0].name} to {images[-1].name}: a sequence or a set"
@@ -125,8 +142,10 @@ def _views(
                 return _of_colmap(file, path / name, choice), None, None, True
         if (path / CAMERAS).is_file():
             return _of_bop(file, choice), UNIT, None, False
-        wanted = f"wanted COLMAP's model (images.bin or .txt) or a BOP scene ({CAMERAS})"
-        raise file.error("a folder without a set of photos", wanted)
+        if is_there(path / SET):
+            return _of_scene(path / SET)
+        known = f"a set ({SET}), COLMAP's model (images.bin or .txt) or a BOP scene ({CAMERAS})"
+        raise file.error("a folder without a set of photos", f"wanted {known}")
     data = file.load_object()
     if isinstance(frames := data.get("frames"), list) and data.get("format") != s.SCENE:
         entries = (data | file.object(frame, "a frame") for frame in frames)
@@ -135,6 +154,10 @@ def _views(
     if data.get("format") != s.SCENE:
         found = f"format is {kind_of(data.get('format'))}"
         raise file.error(found, f"wanted {s.SCENE!r}, or nerfstudio's frames")
+    return _of_scene(path)
+
+
+def _of_scene(path: Path) -> tuple[Iterable[View], str | None, float | None, bool]:
     scene = load_scene(path)
     return scene.views, scene.unit, None if scene.free_scale or scene.unit else 1.0, False
 

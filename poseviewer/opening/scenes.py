@@ -13,7 +13,7 @@ from poseviewer.files.masks import load_mask, mask_note, masks_beside
 from poseviewer.files.mesh.size import METRES, distance_notes
 from poseviewer.files.photo import load_calibrated_photo, undistort_photo
 from poseviewer.files.pose import PoseRecord, check_against, load_pose
-from poseviewer.files.scene_assets import frame_file, load_model, open_view
+from poseviewer.files.scene_assets import frame_file, load_model, open_view, open_view_at_rest
 from poseviewer.files.scene_json import load_scene
 from poseviewer.files.structs import CameraNumbers, Distortion, ModelReference
 from poseviewer.geometry.camera import Perspective, Pose
@@ -27,7 +27,7 @@ from poseviewer.opening.sources import Sources
 from poseviewer.scene.assets import ModelFile, PhotoFile
 from poseviewer.scene.sequence import show_frame, store_key, with_frames
 from poseviewer.scene.settings import FitSettings
-from poseviewer.scene.types import Frame, InView, Scene, SceneObject, View, scene_at
+from poseviewer.scene.types import MANY_VIEWS, Frame, InView, Scene, SceneObject, View, scene_at
 from poseviewer.starts.sides import look_from
 from poseviewer.starts.start import Start, StartInputs
 
@@ -263,9 +263,13 @@ def _open_saved(sources: Sources, scene: Path | Scene) -> Scene:
     notes = [*scene.notes]
     views, objects = [], []
     for unread in scene.views:
-        view, of_view = open_view(unread)
+        if scene.has_many_views:
+            view, of_view = open_view_at_rest(unread)
+        else:
+            view, of_view = open_view(unread)
+            of_view += notes_of(view.photo)
         views.append(view)
-        notes += [*of_view, *notes_of(view.photo)]
+        notes += of_view
     for item in scene.objects:
         path = item.model.path
         if path is not None and path not in models:
@@ -318,7 +322,8 @@ def _open_views(sources: Sources, views: Path | LoadedViews) -> Scene:
     order = (first, *(i for i in range(len(loaded.views)) if i != first))
     ordered = tuple(loaded.views[i] for i in order)
     place = ordered[0].world_from_model(record.pose, 1.0 / scale)
-    of_files = [note for file in (*(v.photo for v in ordered), own) for note in notes_of(file)]
+    read = ordered[: 1 if len(ordered) > MANY_VIEWS else None]
+    of_files = [note for file in (*(v.photo for v in read), own) for note in notes_of(file)]
     notes = tuple(dict.fromkeys([*of_files, *notes, *of_camera]))
     item = SceneObject(
         id="1", model=own, world_from_model=place, settings=settings, without=mesh.left_out,

@@ -47,6 +47,11 @@ class PhotoFile:
         """The photo, undistorted, read from its file when first asked for."""
         return self.read()
 
+    @property
+    def at_rest(self) -> "PhotoFile":
+        """The file with its photo still to be read; hundreds of photos would fill the memory."""
+        return replace(self) if "photo" in self.__dict__ else self
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelContent:

@@ -37,6 +37,9 @@ from poseviewer.scene.settings import FitSettings
 DEFAULTS = FitSettings()
 """Settings of an object of which nobody has said any; files leave them out."""
 NOT_IN_FILES = {"key": None}
+MANY_VIEWS = 12
+"""Views, above which the photos of a scene are read one at a time: no page has room for more side
+by side, and hundreds fill the memory."""
 OF_USER = {"is_of_user": True}
 """Metadata of an object's texts that the user writes, and that pose files have, too."""
 
@@ -310,6 +313,11 @@ class Scene:
             for mask in (view.mask, *(masks for one in own for masks in (one.mask, one.occluders))):
                 require_size(mask, file)
 
+    @property
+    def has_many_views(self) -> bool:
+        """Whether photos are read when they are shown, as there are more than ``MANY_VIEWS``."""
+        return len(self.views) > MANY_VIEWS
+
     def index(self, object_id: str) -> int:
         """Return the index of the object that has an id.
 
@@ -363,6 +371,14 @@ class Scene:
         rigid = frame.rigid.inverse() @ own.rigid
         rigid = replace(rigid, translation=rigid.translation / frame.scale)
         return Similarity(rigid, own.scale / frame.scale)
+
+    def at_view(self, view_index: int) -> Scene:
+        """Return the scene of one view alone, without results of searches in others."""
+        own, objects = slice(view_index, view_index + 1), list[SceneObject]()
+        for item in self.objects:
+            of_view = {"in_views": item.in_views[own], "start_cameras": item.start_cameras[own]}
+            objects.append(replace(item, result=None, **of_view))
+        return replace(self, views=self.views[own], objects=tuple(objects))
 
     def in_view(self, object_index: int, view_index: int = 0) -> InView:
         """Return the settings of an object in a view alone."""

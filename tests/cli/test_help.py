@@ -78,7 +78,7 @@ def test_defaults_are_those_of_parser_and_settings(command: str):
             assert f"(default: {told}" in text, text
             checked += 1
     assert checked or command in {
-        "bench", "demo", "info", "paint", "render", "track", "undistort",
+        "bench", "cameras", "demo", "info", "paint", "render", "track", "undistort",
     }  # fmt: skip
 
 

@@ -835,7 +835,7 @@ function showTip(event) {
   const share = along(isSliding ? state.turn.box : box, event);
   const index = Math.min(Math.max(Math.floor(share * span.count), 0), span.count - 1);
   const time = times[index] ?? null;
-  tip.textContent = `frame ${index + 1}` + (time === null ? "" : ` · ${time.toFixed(2)} s`);
+  tip.textContent = `${lines()[0].dataset.what} ${index + 1}` + (time === null ? "" : ` · ${time.toFixed(2)} s`);
   const half = tip.offsetWidth / 2;
   const left = Math.min(Math.max(event.clientX, box.left + half), box.right - half);
   Object.assign(tip.style, { left: `${left - half}px`, top: `${box.top - tip.offsetHeight - 3}px` });

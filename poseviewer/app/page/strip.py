@@ -10,7 +10,7 @@ from poseviewer.app.below_viser.client_script import ClientScript
 from poseviewer.app.page.above_steps import ICONS, object_colour
 from poseviewer.app.page.controls import as_html, jpeg_url, on_press
 from poseviewer.app.page.handles import path_of
-from poseviewer.app.page.time_line import frame_times, time_line
+from poseviewer.app.page.time_line import frame_times, said_of_view, time_line
 from poseviewer.app.state.session import Session
 from poseviewer.errors import percent
 from poseviewer.geometry.arrays import FloatArray
@@ -18,7 +18,6 @@ from poseviewer.geometry.camera import size_at_scale
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.render.overlay.styles import LINE_COLOUR
-from poseviewer.scene.types import SceneObject
 
 THUMBNAIL = 240
 """Pixels of a small picture's longer side."""
@@ -34,8 +33,9 @@ QUALITY = 80
 
 def show_strip(script: ClientScript, session: Session) -> None:
     """Bring the strip, or the time line, on all pages to the session, where it has changed."""
-    photos = tuple(view.photo for view in session.document.scene.views)
-    photos = photos if len(photos) > 1 else ()
+    views = session.document.scene.views
+    is_strip = len(views) > 1 and not session.document.stepped
+    photos = tuple(view.photo for view in views) if is_strip else ()
     script.show("setPictures", _small_pictures(photos))
     cells = as_html(_cell(session, index) for index in range(len(photos)))
     script.show("setTimes", frame_times(session.document.scene.frames))
@@ -59,9 +59,6 @@ def _cell(session: Session, index: int) -> h.Element:
     view, is_compared = document.scene.views[index], document.object.in_views[index].is_compared
     is_large = index == document.view_index
     hint = "do not compare it" if is_compared else "compare it again"
-    said = " · ".join(
-        filter(None, (_loss_text(session, index), _verdict_text(document.object, index)))
-    )
     compare = on_press("compare photo", view_index=index, on=not is_compared)
     names = ["pv-photo", {"pv-at": is_large, "pv-off": not is_compared}]
     title = "the large photo" if is_large else "press: make it the large one"
@@ -70,7 +67,7 @@ def _cell(session: Session, index: int) -> h.Element:
     eye = h.button(compare, type="button", title=hint)[ICONS["eye"]]
     return h.div(on_press("photo", view_index=index), class_=names, tabindex="0", title=title)[
         h.div(".pv-small", style=shape)[box[_outlines(session, index)]],
-        h.div(".pv-said")[eye, h.b[view.name], h.span[said]],
+        h.div(".pv-said")[eye, h.b[view.name], h.span[said_of_view(session, index)]],
     ]
 
 
@@ -120,29 +117,3 @@ def _outlines(session: Session, index: int) -> h.Node:
         return None
     drawn = outlines.small[index].items()
     return [_outline(path_of(UNITS * lines), object_colour(number)) for number, lines in drawn]
-
-
-def _loss_text(session: Session, index: int) -> str:
-    """Say what a photo leaves unexplained at the current pose, or why that is not known."""
-    losses = session.results.losses
-    if not session.document.object.in_views[index].is_compared:
-        return "not compared"
-    if (
-        session.is_searching
-        or not session.document.object.is_placed
-        or losses is None
-        or not losses.by_view
-    ):
-        return ""
-    result = losses.by_view.get(index)
-    return "not seen" if result is None else f"{result.scale.as_shown(result.loss):.3f}"
-
-
-def _verdict_text(scene_object: SceneObject, index: int) -> str:
-    """The verdict by a view alone on an object's pose; "": there is none."""
-    result = scene_object.result
-    if result is None or result.verdict is None:
-        return ""
-    compared = {i for i, share in enumerate(result.seen) if share is not None} - {result.view}
-    verdicts = zip((result.view, *sorted(compared)), result.verdict.views, strict=False)
-    return {i: verdict.label for i, verdict in verdicts}.get(index, "")

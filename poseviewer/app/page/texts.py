@@ -42,6 +42,7 @@ USUAL_HINT = (
 )
 """Hint where a drag moves the model; the page's style marks what a drag does with the held keys."""
 FRAMES_HINT = " <span><b>← →</b> frames</span> <span><b>↑ ↓</b> keys of the sequence</span>"
+PHOTOS_HINT = " <span><b>, .</b> photos</span>"
 ENDS = " &nbsp;·&nbsp; Esc: done"
 DRAWING_ENDS = f" &nbsp;·&nbsp; <b>alt</b> erase{ENDS}"
 TOOL_HINTS = {
@@ -168,7 +169,9 @@ def hint_of(session: Session) -> str:
         case _ if session.is_unsaved and verdict_of(session.document.object) in VERDICT_HINTS:
             return VERDICT_HINTS[verdict_of(session.document.object)]
         case _:
-            usual = USUAL_HINT + FRAMES_HINT * bool(session.document.scene.frames)
+            usual = USUAL_HINT
+            if session.document.stepped:
+                usual += FRAMES_HINT if session.document.scene.frames else PHOTOS_HINT
             return SIZE_HINT if _has_first_size(session) else usual
     return f"<b>{what}</b>{MARKING_HINT}"
 
@@ -322,6 +325,8 @@ def loss_text(session: Session) -> str:
     scale, loss, is_coarse = known
     text, count = scale.text(loss), len(losses.by_view)
     text = _as_coarse(text) if is_coarse else text
+    if session.document.scene.has_many_views and session.document.object.result is None:
+        return f"{text} at this pose, in this photo"
     return f"{text} at this pose" + (f", mean of {count} photos" if count > 1 else "")
 
 

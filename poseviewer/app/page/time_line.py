@@ -1,7 +1,9 @@
-"""The time line of a sequence below the photo: its frames, keys and buttons, and a motion graph."""
+"""The time line below the photo: frames of a sequence, keys, buttons, and a motion graph; or the
+photos of a scene of many views.
+"""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
 import htpy as h
@@ -11,15 +13,17 @@ from numpy.typing import NDArray
 from poseviewer.app.page.controls import as_html, memoize, on_press
 from poseviewer.app.page.texts import pace_text
 from poseviewer.app.state.document import label_of
-from poseviewer.app.state.frame_edits import FrameCommand
+from poseviewer.app.state.frame_edits import FrameCommand, view_verdicts
 from poseviewer.app.state.session import Session
 from poseviewer.confidence.pose_covariance import PoseCovariance
 from poseviewer.errors import list_names
 from poseviewer.geometry.arrays import FloatArray
-from poseviewer.scene.types import Frame, FramePose
+from poseviewer.scene.types import Frame, FramePose, SceneObject
 
-STATES = ("found", "placed", "none", "doubtful", "lost")
-"""States of an object in a frame: the verdict, or placed by hand, or no pose; the worst last."""
+STATES = ("off", "found", "placed", "none", "doubtful", "lost")
+"""States of an object in a frame: the verdict, or placed by hand, or no pose; the worst last. Off:
+the view is not compared.
+"""
 MAX_SEGMENTS = 2000
 """Parts into which the time line is divided; of several frames in one part, the worst is shown."""
 MAX_CURVE_POINTS = 300
@@ -37,21 +41,30 @@ BUTTONS: dict[FrameCommand, tuple[str, str]] = {
     "remove key": ("remove key", "Remove this object's pose in this frame"),
 }
 """Text and tooltip of each button."""
+LEAVE_OUT = "leave out", "Do not compare this photo with the model"
+TAKE_IN = "compare", "Compare this photo with the model again"
 WHOSE = "Whose poses go to start and to end: press to choose all objects, or the picked one alone"
 
 
 def time_line(session: Session) -> str:
-    """HTML of the time line; "" for a still scene."""
+    """HTML of the time line; "" for a still scene of few views."""
     document, scene = session.document, session.document.scene
-    if not scene.frames:
+    count, object_id = len(document.stepped), document.object.id
+    if not count:
         return ""
-    count, object_id = len(scene.frames), document.object.id
-    shown = scene.frame_index if session.wanted_frame is None else session.wanted_frame
+    shown = document.step_index if session.wanted_frame is None else session.wanted_frame
+    what = "frame" if scene.frames else "photo"
     box = {"viewBox": f"0 0 {count} 1", "preserveAspectRatio": "none"}
-    box |= {"data-slides": str(count), "data-at": str(shown)}
+    box |= {"data-slides": str(count), "data-at": str(shown), "data-what": what}
     box |= on_press("frame")
-    graph = _motion_graph(session, box) if session.display.motion_graph else None
     at = h.path(".pv-here", d=f"M{shown} 0h1v1h-1Z")
+    if not scene.frames:
+        line = h.svg(".pv-frames", box)[_view_segments(document.object), at]
+        texts = f"of {count}", scene.views[shown].name, said_of_view(session, shown)
+        said = h.span[h.b[f"photo {shown + 1}"], " ", " · ".join(filter(None, texts))]
+        below = h.div[said, *_view_buttons(session, shown)]
+        return as_html(h.div(".pv-time")[line, below])
+    graph = _motion_graph(session, box) if session.display.motion_graph else None
     line = h.svg(".pv-frames", box)[_segments(scene.frames, object_id), at]
     buttons = [_button(what, *own) for what, own in BUTTONS.items()]
     if len(scene.objects) > 1:
@@ -80,8 +93,26 @@ def frame_times(frames: tuple[Frame, ...]) -> list[float | None]:
 @lru_cache(maxsize=1)
 def _segments(frames: tuple[Frame, ...], object_id: str) -> h.Node:
     """The states of all frames, each a unit wide, and the keys, drawn once."""
-    count, poses = len(frames), [frame.poses.get(object_id) for frame in frames]
-    codes = np.array([2 * STATES.index(_state(p)) + bool(p and p.is_stale) for p in poses])
+    poses = [frame.poses.get(object_id) for frame in frames]
+    keys = "".join(f"M{i + 0.5} .5h0" for i, p in enumerate(poses) if p and p.source == "key")
+    return _draw_states([(_state(p), bool(p and p.is_stale)) for p in poses], keys)
+
+
+@lru_cache(maxsize=1)
+def _view_segments(item: SceneObject) -> h.Node:
+    """What each of many views says of an object, drawn once."""
+    verdicts, states = view_verdicts(item), list[tuple[str, bool]]()
+    for index, own in enumerate(item.in_views):
+        verdict = verdicts.get(index)
+        known = "none" if verdict is None else verdict.label
+        states.append((known if own.is_compared else "off", False))
+    return _draw_states(states, "")
+
+
+def _draw_states(states: Sequence[tuple[str, bool]], keys: str) -> h.Node:
+    """States, each a unit wide, and whether they are stale; over them the path of the keys."""
+    count = len(states)
+    codes = np.array([2 * STATES.index(state) + is_stale for state, is_stale in states])
     parts = np.linspace(0, count, min(count, MAX_SEGMENTS), endpoint=False).astype(int)
     codes = np.maximum.reduceat(codes, parts)
     begins = np.flatnonzero(np.diff(codes, prepend=-1))
@@ -91,7 +122,6 @@ def _segments(frames: tuple[Frame, ...], object_id: str) -> h.Node:
         left, (state, is_stale) = parts[begin], divmod(int(codes[begin]), 2)
         name = f"pv-{STATES[state]}{' pv-stale' * is_stale}"
         drawn.append(h.path(class_=name, d=f"M{left} 0H{end}V1H{left}Z"))
-    keys = "".join(f"M{i + 0.5} .5h0" for i, p in enumerate(poses) if p and p.source == "key")
     whole = h.fragment[drawn, h.path(".pv-halo", d=keys), h.path(".pv-key-at", d=keys)]
     return str(whole)  # markup, which is not escaped again
 
@@ -111,6 +141,34 @@ def _frame_text(session: Session, index: int) -> str:
         verdict = _state(pose)
         state = pose.source + f", {verdict}" * (verdict != "placed") + ", stale" * pose.is_stale
     return "".join(f" · {text}" for text in (time, frame.file.name, state) if text)
+
+
+def said_of_view(session: Session, index: int) -> str:
+    """Say what a photo leaves unexplained, and its own verdict; "": neither is known."""
+    verdict = view_verdicts(session.document.object).get(index)
+    texts = _loss_of_view(session, index), "" if verdict is None else verdict.label
+    return " · ".join(filter(None, texts))
+
+
+def _loss_of_view(session: Session, index: int) -> str:
+    """Say what a photo leaves unexplained at the current pose, or why that is not known."""
+    losses, item = session.results.losses, session.document.object
+    if not item.in_views[index].is_compared:
+        return "not compared"
+    if session.is_searching or not item.is_placed or losses is None or not losses.by_view:
+        return ""
+    if session.document.stepped and losses.at_pose != session.at_pose:
+        return ""  # of the photo before
+    result = losses.by_view.get(index)
+    return "not seen" if result is None else f"{result.scale.as_shown(result.loss):.3f}"
+
+
+def _view_buttons(session: Session, index: int) -> list[h.Element]:
+    """A button that leaves a view out of the comparison, or takes it in again."""
+    is_compared = session.document.object.in_views[index].is_compared
+    press = on_press("compare photo", view_index=index, on=not is_compared)
+    text, hint = LEAVE_OUT if is_compared else TAKE_IN
+    return [h.button(press, type="button", title=hint)[text]]
 
 
 def _progress_text(session: Session) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
@@ -222,9 +222,29 @@ class Document:
             return self
         return replace(self, active=object_index)._with_object_in_front
 
-    def with_view(self, view_index: int) -> Document:
-        """The document with another view large."""
-        return self if view_index == self.view_index else replace(self, view_index=view_index)
+    def with_view(self, view_index: int, file: PhotoFile | None = None) -> Document:
+        """The document with another view large, whose photo may have been read into ``file``; of
+        many, the others' are read anew when they are shown.
+        """
+        if view_index == self.view_index:
+            return self
+        document = replace(self, view_index=view_index)
+        if not self.scene.has_many_views:
+            return document
+        files = [view.file.at_rest for view in self.scene.views]
+        files[view_index] = file or self.scene.views[view_index].file
+        return replace(document, scene=with_files(self.scene, files))
+
+    @property
+    def stepped(self) -> tuple[PhotoFile, ...]:
+        """Photos through which the time line steps: of frames, or of many views."""
+        views = self.scene.views if self.scene.has_many_views else ()
+        return tuple(one.file for one in self.scene.frames or views)
+
+    @property
+    def step_index(self) -> int:
+        """Index, among ``stepped``, of the photo that is shown."""
+        return self.scene.frame_index if self.scene.frames else self.view_index
 
     def at_frame(self, frame_index: int, file: PhotoFile) -> Document:
         """The document at a frame of the sequence, whose photo has been read into ``file``."""
@@ -502,17 +522,43 @@ class Document:
             self.view_index,
             self.object_id,
             self.mesh,
-            *(view.photo for view in self.scene.views),
+            *self._photos,
         )
+
+    @property
+    def _photos(self) -> Iterable[Photo | PhotoFile]:
+        """The views' photos; of many their files, beside the photo that is shown."""
+        views = self.scene.views
+        if self.scene.has_many_views:
+            return self.photo, *(view.file for view in views)
+        return (view.photo for view in views)
 
     @property
     def placement(self) -> tuple[object, ...]:
         """Values that are equal while nothing that files keep has changed."""
         views, objects = self.scene.views, self.scene.objects
-        photos = self.scene.frames or (view.photo for view in views)
+        photos = self.scene.frames or (view.file for view in views)
         poses = () if self.scene.frames else (o.world_from_model for o in objects)
         models = ((o.mesh, o.model.keypoints, o.in_views, o.texts) for o in objects)
         return *photos, *((view.camera, view.mask) for view in views), *models, *poses
+
+
+def with_files(scene: Scene, files: Sequence[PhotoFile]) -> Scene:
+    """The scene with other handles of its views' photos."""
+    pairs = zip(scene.views, files, strict=True)
+    views = tuple(v if v.file is file else replace(v, file=file) for v, file in pairs)
+    return replace(scene, views=views)
+
+
+def in_view_alone(scene: Scene, object_index: int, view_index: int) -> Scene:
+    """The scene of many views in which one of them alone is compared with an object, as it is shown
+    alone; a scene of few as it is.
+    """
+    if not scene.has_many_views:
+        return scene
+    own = scene.objects[object_index].in_views or [InView()] * len(scene.views)
+    in_views = tuple(replace(v, is_compared=i == view_index) for i, v in enumerate(own))
+    return replace(scene, free_scale=False).with_object(object_index, in_views=in_views)
 
 
 def is_alone(document: Document) -> bool:

@@ -8,10 +8,12 @@ from msgspec import Meta
 
 from poseviewer.app.state.document import UNLOCK, label_of
 from poseviewer.app.state.edits import drag_edit, edit
+from poseviewer.app.state.objects import show_view
 from poseviewer.app.state.pose_edits import nudge
 from poseviewer.app.state.results import Pace, PropagationProgress, PropagationRequest
 from poseviewer.app.state.search_edits import stop_search
 from poseviewer.app.state.session import Session
+from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import SettingsError
 from poseviewer.scene.assets import PhotoFile
 from poseviewer.scene.sequence import (
@@ -24,7 +26,7 @@ from poseviewer.scene.sequence import (
     show_frame,
     store_poses,
 )
-from poseviewer.scene.types import FramePose, Scene
+from poseviewer.scene.types import FramePose, Scene, SceneObject
 
 FrameCommand = Literal[
     "to start", "to next key", "to end", "between keys",
@@ -40,18 +42,23 @@ MANY_FRAMES = 10
 
 @edit
 def go_to_frame(session: Session, u: Share) -> Session:
-    """Show the frame at a place of the time line."""
-    return _go_to(session, int(u * len(session.document.scene.frames)))
+    """Show the frame, or the view, at a place of the time line."""
+    return _go_to(session, int(u * len(session.document.stepped)))
 
 
 @edit
 def step_frame(session: Session, by: int, between_keys: bool = False) -> Session:
-    """Show the frame, or the key of the active object, that is ``by`` further on."""
+    """Show the frame, or the key of the active object, that is ``by`` further on; of many views the
+    next one, or the next one on which a search said something.
+    """
     document = session.document
-    now = document.scene.frame_index if session.wanted_frame is None else session.wanted_frame
+    now = document.step_index if session.wanted_frame is None else session.wanted_frame
     if not between_keys:
         return _go_to(session, now + by)
-    keys = key_indices(document.scene, document.object.id)
+    if document.scene.frames:
+        keys = key_indices(document.scene, document.object.id)
+    else:
+        keys = sorted(view_verdicts(document.object))
     ahead = [k for k in keys if k > now] if by > 0 else [k for k in reversed(keys) if k < now]
     return _go_to(session, ahead[: abs(by)][-1]) if ahead else session
 
@@ -74,7 +81,7 @@ def press_arrow(session: Session, x: float, y: float, factor: float = 1.0) -> Se
 
 
 def _go_to(session: Session, index: int) -> Session:
-    count, progress = len(session.document.scene.frames), session.propagation
+    count, progress = len(session.document.stepped), session.propagation
     if not count:
         return session
     progress = progress and replace(progress, follows=False)
@@ -83,17 +90,20 @@ def _go_to(session: Session, index: int) -> Session:
 
 @drag_edit
 def frame_read(session: Session, index: int, file: PhotoFile | None) -> Session:
-    """Show a frame whose photo has been read; None: it cannot be. It is no undo step.
+    """Show a frame whose photo has been read, or one of many views; None: it cannot be. It is no
+    undo step.
 
-    A search ends, and its best pose so far is kept.
+    In a sequence, a search ends, and its best pose so far is kept.
     """
-    frames = session.document.scene.frames
-    is_known = session.wanted_frame is not None and index < len(frames)
+    files = session.document.stepped
+    is_known = session.wanted_frame is not None and index < len(files)
     if session.drag is not None or not is_known:
         return session
     wanted = None if session.wanted_frame == index else session.wanted_frame
-    if file is None or frames[index].file != file:
+    if file is None or files[index] != file:
         return replace(session, wanted_frame=wanted)
+    if not session.document.scene.frames:
+        return show_view(index, file)(replace(session, wanted_frame=wanted))
     session = stop_search()(session)
     document = session.document.at_frame(index, file)
     session = session.without_search(document.scene)
@@ -101,6 +111,15 @@ def frame_read(session: Session, index: int, file: PhotoFile | None) -> Session:
     results = replace(session.results, landscapes=(), maps_note="")
     shown = {"document": document, "wanted_frame": wanted, "results": results}
     return replace(session, **shown, comparison=None)
+
+
+def view_verdicts(item: SceneObject) -> dict[int, Verdict]:
+    """The verdict by each view alone on an object's pose, by the views' indices."""
+    result = item.result
+    if result is None or result.verdict is None:
+        return {}
+    compared = {i for i, share in enumerate(result.seen) if share is not None} - {result.view}
+    return dict(zip((result.view, *sorted(compared)), result.verdict.views, strict=False))
 
 
 @edit

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Set
 from dataclasses import dataclass, replace
 
-from poseviewer.app.state.document import Document, with_camera
+from poseviewer.app.state.document import Document, with_camera, with_files
 from poseviewer.scene.sequence import change_poses, store_key
 from poseviewer.scene.types import Frame, FramePose, Scene
 
@@ -46,12 +46,15 @@ class History:
 
 
 def _without_photo(document: Document) -> Document:
-    """The document that reads a frame's photo again: hundreds of frames would fill the memory."""
+    """The document that reads the photo of a frame, or of one of many views, again: hundreds would
+    fill the memory.
+    """
     scene = document.scene
-    if not scene.frames:
+    if not document.stepped:
         return document
-    view = replace(scene.views[0], file=replace(scene.views[0].file))
-    return replace(document, scene=replace(scene, views=(view,)))
+    # A frame's handle may hold what it has read.
+    files = [replace(v.file) if scene.frames else v.file.at_rest for v in scene.views]
+    return replace(document, scene=with_files(scene, files))
 
 
 def _drop_oldest(past: tuple[Document, ...]) -> tuple[Document, ...]:
@@ -61,7 +64,7 @@ def _drop_oldest(past: tuple[Document, ...]) -> tuple[Document, ...]:
     max_meshes = MAX_OPENED + len(past[-1].scene.objects) - 1
     for index in reversed(range(len(past))):
         scene = past[index].scene
-        if not scene.frames:
+        if not past[index].stepped:
             photos.add(tuple(id(view.photo) for view in scene.views))
         meshes |= {id(item.model.mesh.whole) for item in scene.objects}
         meshes |= {id(item.painting) for item in scene.objects if item.painting}

@@ -10,7 +10,7 @@ from poseviewer.errors import SettingsError
 from poseviewer.files.formats.conversion import ConvertOptions
 from poseviewer.files.mesh.size import METRES
 from poseviewer.geometry.painted_model import Painting
-from poseviewer.scene.assets import ModelFile
+from poseviewer.scene.assets import ModelFile, PhotoFile
 from poseviewer.scene.types import InView, SceneObject
 from poseviewer.starts.sides import look_from
 
@@ -126,14 +126,16 @@ def unit_of_models(session: Session) -> str | None:
 
 
 @edit
-def show_view(session: Session, view_index: int) -> Session:
-    """Show another view large; no undo step, and a search goes on."""
+def show_view(session: Session, view_index: int, file: PhotoFile | None = None) -> Session:
+    """Show another view large, whose photo may have been read into ``file``; no undo step, and a
+    search goes on.
+    """
     if view_index == session.document.view_index or not 0 <= view_index < len(
         session.document.scene.views
     ):
         return session
-    document, anchor = session.document.with_view(view_index), session.compared_scene
-    if not is_in_sight(document):
+    document, anchor = session.document.with_view(view_index, file), session.compared_scene
+    if not (is_in_sight(document) or document.scene.has_many_views):
         name = document.view.name
         raise SettingsError(f"{name} does not show the model where it is now")
     return replace(session.with_new_view(), document=document, anchor=anchor, drag=None)

@@ -86,7 +86,7 @@ def stem_of(document: Document, view: int, of_sequence: bool = False) -> str:
     That of a sequence has the folder of its frames in place of the photo.
     """
     file = document.scene.views[view].file
-    names = [file.location.absolute().parent.name if of_sequence else file.photo.name]
+    names = [file.location.absolute().parent.name if of_sequence else Path(file.name).name]
     names += [document.model.name] * (len(document.scene.objects) == 1)
     stems = (safe_path(name).stem.encode() for name in names)
     return ".".join(stem[:MAX_STEM_BYTES].decode(errors="ignore") for stem in stems)
@@ -131,7 +131,6 @@ def export(
         options = replace(numbers or ConvertOptions(), overwrite=True)
         return _convert(what, session, options, notes, tell)
     view = pose_file_view(document) if what == "pose" else document.view_index
-    photo = document.scene.views[view].photo
     stem = _export_stem(document, view)
     if what == "pose":
         at, scene = (document.active, view), as_saved(scene_to_save(session))
@@ -143,7 +142,7 @@ def export(
         if painting is None:
             raise SettingsError("the model is not painted; paint it in the step Judge")
         return {f"{stem}.painted.glb": painting_contents(painting)}
-    stem += ".undistorted" * (photo.undistortion is not None)
+    stem += ".undistorted" * (document.view.file.undistortion is not None)
     if what == "overlay":
         picture = picture_of(document, session.display.style, session.display.opacity)
         data = np.asarray(cv2.imencode(".png", picture[..., ::-1])[1]).tobytes()
@@ -201,7 +200,7 @@ def _convert(
             if not FORMATS[what].several_objects:
                 scene = replace(scene, objects=(scene.objects[document.active],))
             notes += FORMATS[what].convert(scene, out, options)[1]
-            notes += write_masks(scene, out, options) if what == "bop" else []
+            notes += write_masks(scene, out, options, tell) if what == "bop" else []
         else:
             save_pictures(out, pictures_of_objects(scene), overwrite=True)
         files = sorted(path for path in Path(folder).rglob("*") if path.is_file())

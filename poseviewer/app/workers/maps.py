@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from poseviewer.app.state.document import reference_view
+from poseviewer.app.state.document import in_view_alone, reference_view
 from poseviewer.app.state.edits import Edit, show_results
 from poseviewer.app.state.results import Landscape
 from poseviewer.app.state.session import Session
@@ -131,6 +131,7 @@ class MapMaker:
             return before
         document = request.document
         anchor = request.compared_scene.with_object(document.active, settings=settings)
+        anchor = in_view_alone(anchor, document.active, document.view_index)
         view = reference_view(anchor, document.active, document.view_index)
         if search is not None and search.settings == settings:
             problem = search.problem

@@ -4,12 +4,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from poseviewer.app.state.document import Document, with_camera
+from poseviewer.app.state.document import Document, with_camera, with_files
 from poseviewer.app.state.dragging import move_to
 from poseviewer.app.state.objects import with_added
 from poseviewer.errors import PoseFileError, QuickStartError
 from poseviewer.files.cameras import Calibration, load_calibration
 from poseviewer.files.demo import PLACES
+from poseviewer.files.image_sequence import sort_frames
 from poseviewer.files.photo import load_calibrated_photo, load_photo, orientation_of
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_assets import load_model
@@ -29,12 +30,17 @@ from poseviewer.starts.sides import look_from
 
 def open_sources(sources: Sources) -> Document:
     """Open sources as a document, whose objects have default settings unless a scene says them;
-    further models become objects, still to be placed.
+    further models become objects, still to be placed. Many views are in the order of their names.
     """
     scene = open_scene(sources)
+    shown = scene.views[0]
     if sources.scene is None:
         scene = scene.with_object(0, settings=FitSettings())
+        if scene.has_many_views:
+            by_path = {view.file.location: view for view in scene.views}
+            scene = replace(scene, views=tuple(by_path[path] for path in sort_frames([*by_path])))
     document = with_notes(Document.of(scene), sources.notes)
+    document = document.with_view(scene.views.index(shown))
     return with_models(document, [model.path for model in sources.models[1:]])
 
 
@@ -242,11 +248,13 @@ def open_autosaved(autosave: AutosavedSession) -> Document:
             notes.append(str(error))
     objects = tuple(item for item in scene.objects if item.model.location.is_file())
     scene = open_scene(Sources(scene=replace(scene, objects=objects)))
-    views = tuple(
-        replace(view, file=PhotoFile.of(replace(view.photo, name=name), view.path))
+    files = [
+        replace(view.file, name=name)
+        if scene.has_many_views
+        else PhotoFile.of(replace(view.photo, name=name), view.path)
         for view, name in zip(scene.views, names, strict=True)
-    )
-    document = Document.of(replace(scene, views=views))
+    ]
+    document = Document.of(with_files(scene, files))
     document = replace(
         document, active=scene.index(autosave.active_object), view_index=autosave.active_view
     )

@@ -20,7 +20,7 @@ from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mesh import Mesh
 from poseviewer.render.overlay.contour import quick_silhouette, select_visible_lines
-from poseviewer.scene.types import PlacedModel
+from poseviewer.scene.types import MANY_VIEWS, PlacedModel
 
 MAX_SAMPLES = 400_000
 """Pixels of the depth images that tell which object occludes which."""
@@ -55,7 +55,7 @@ class OutlineRequest:
         large = {ids[index]: model_at(index, document.view_index) for index in document.others}
         is_at_rest = large and not session.is_moving and is_shown(document.object)
         shown = [index for index, item in enumerate(scene.objects) if is_shown(item)]
-        views = range(len(scene.views)) if len(scene.views) > 1 else ()
+        views = range(len(scene.views)) if 1 < len(scene.views) <= MANY_VIEWS else ()
         return cls(
             large,
             (model_at(document.active, document.view_index),) if is_at_rest else (),

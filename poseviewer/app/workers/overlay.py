@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from poseviewer.app.state.document import Document, reference_view
+from poseviewer.app.state.document import Document, in_view_alone, reference_view
 from poseviewer.app.state.dragging import rotate
 from poseviewer.app.state.edits import Edit, show_results
 from poseviewer.app.state.marking import pose_beside_wheels
@@ -78,6 +78,7 @@ class LossReader:
             free = {"free_focal": False, "free_principal_point": False}
             plain = replace(document.settings, lock=(), chart="auto", **free)
             anchor = request.read_scene.with_object(document.active, settings=plain)
+            anchor = in_view_alone(anchor, document.active, document.view_index)
             view = reference_view(anchor, document.active, document.view_index)
             try:
                 self._views = make_problem(anchor, document.active, view)[0].views

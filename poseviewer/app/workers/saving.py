@@ -191,7 +191,7 @@ def _times_on_disk(path: Path) -> list[int]:
 def _fingerprint(path: Path, document: Document) -> tuple[object, ...]:
     """Values that are equal while a file stays as it was written for a photo and a model."""
     scene = document.scene
-    photo = scene.frames[0].file.path if scene.frames else scene.views[0].photo.sha256
+    photo = scene.frames[0].file.path if scene.frames else scene.views[0].file.sha256
     return *_times_on_disk(path), photo, scene.objects[0].model.sha256
 
 
@@ -216,7 +216,7 @@ def make_autosave(document: Document) -> AutosavedSession:
         saved_at=time.time(),
         active_object=document.object.id,
         active_view=document.view_index,
-        photo_names=tuple(view.photo.name for view in scene.views),
+        photo_names=tuple(view.name for view in scene.views),
         scene=replace(saved, views=views, objects=tuple(objects)),
     )
 

@@ -247,7 +247,7 @@ def restore(autosave: AutosavedSession) -> QueuedTask:
 
 def download(what: Export, client: int, numbers: ConvertOptions | None = None) -> QueuedTask:
     """Make files of the session for a page, in BOP with numbers."""
-    working = "Drawing ..." if what in ("overlay", "sheet", *OF_FRAMES) else ""
+    working = "Drawing ..." if what in ("overlay", "sheet", "bop", *OF_FRAMES) else ""
 
     def run(now: Session, _: Path, tell: Tell) -> TaskResult:
         notes: list[str] = []

@@ -1,4 +1,6 @@
-"""Workers for a sequence: they read the photo of the wanted frame, and propagate poses."""
+"""Workers for a sequence: they read the photo of the wanted frame, or of one of many views, and
+propagate poses.
+"""
 
 import time
 from collections.abc import Iterator, Mapping
@@ -28,12 +30,13 @@ def frame_reading() -> Worker[FrameRequest, Edit]:
 
     @lru_cache(maxsize=MAX_PHOTOS)
     def read(file: PhotoFile) -> PhotoFile:
-        photo = file.read()
-        return replace(file, read=lambda: photo)
+        handle = replace(file)
+        _ = handle.photo  # which it keeps
+        return handle
 
     def request_of(session: Session) -> FrameRequest | None:
-        index, frames = session.wanted_frame, session.document.scene.frames
-        return None if index is None or session.drag is not None else (index, frames[index].file)
+        index, files = session.wanted_frame, session.document.stepped
+        return None if index is None or session.drag is not None else (index, files[index])
 
     def make(request: FrameRequest) -> Iterator[Edit]:
         yield frame_read(request[0], read(request[1]))

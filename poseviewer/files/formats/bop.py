@@ -110,12 +110,13 @@ def write_bop(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) -> c.
                 raise in_poses.error(f"image {image} is there already and was not touched", wanted)
             cameras.pop(key, None)
             poses.pop(image, None)
-        new = camera_entry(camera)
+        new = camera_entry(camera) | _entry_of_world(scene, index, options)
         there = in_cameras.object(cameras.setdefault(key, new), f"image {image}")
         known = camera_of_matrix(in_cameras, there.get("cam_K"), f"{image}.cam_K")
         if not same_intrinsics(known, camera):
             wanted = "give the pose another with `image`, or convert it with that camera"
             raise in_cameras.error(f"image {image} is there with another camera", wanted)
+        cameras[key] = new | there
         of_image = poses.setdefault(image, [])
         if not isinstance(of_image, list):
             raise in_poses.error(f"image {image} is not a list", "wanted a list of poses")
@@ -282,6 +283,17 @@ def camera_entry(camera: Camera) -> dict[str, Any]:
     return {"cam_K": matrix.reshape(-1).tolist(), "depth_scale": 1.0}
 
 
+def _entry_of_world(scene: Scene, view: int, options: c.ConvertOptions) -> dict[str, Any]:
+    """Return the place of one of several cameras in the world, for ``scene_camera.json``."""
+    if len(scene.views) == 1:
+        return {}
+    # All models are in one unit, and so is their scale in the world.
+    factor = options.lengths_in(UNIT, scene, "BOP") / scene.objects[0].world_from_model.scale
+    place = scene.views[view].camera_from_world
+    numbers = place.rotation.reshape(-1).tolist(), (factor * place.translation).tolist()
+    return dict(zip(WORLD, numbers, strict=True))
+
+
 def pose_entry(scene: Scene, index: int, view: int, options: c.ConvertOptions) -> dict[str, Any]:
     """Return the entry of an object's pose in ``scene_gt.json``.
 
@@ -325,7 +337,7 @@ def object_numbers(scene: Scene, options: c.ConvertOptions) -> list[int]:
 def image_number(scene: Scene, options: c.ConvertOptions, view: int = 0) -> int:
     """Number of a view's image: what the user says, else by the photo's name."""
     name = scene.views[view].file.location.name
-    return _number(options.image_of(view), PHOTO_NAME, name, "image", "image", "000003.png")
+    return _number(options.number_of(scene, view), PHOTO_NAME, name, "image", "image", "000003.png")
 
 
 def likely_numbers(scene: Scene) -> tuple[int | None, tuple[int, ...]]:
@@ -411,4 +423,6 @@ def _transform(file: InputFile, said: dict[str, Any], way: str, what: str) -> Ri
     return RigidTransform(repair_rotation(file, matrix), translation)
 
 
-BOP = c.Format(write_bop, read_bop, several_objects=True, appends=True, photos_in="rgb")
+BOP = c.Format(
+    write_bop, read_bop, several_objects=True, several_of_both=True, appends=True, photos_in="rgb"
+)

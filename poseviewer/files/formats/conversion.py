@@ -12,12 +12,12 @@ from typing import Any, TypeVar
 import numpy as np
 
 from poseviewer.errors import PhotoFileError, PoseFileError, list_names, printable
-from poseviewer.files.checks import InputFile, repair_rotation
+from poseviewer.files.checks import MAX_DATA_BYTES, InputFile, repair_rotation
 from poseviewer.files.mesh.size import METRES
 from poseviewer.files.photo import load_photo, orientation_of, save_photo
-from poseviewer.files.scene_assets import model_file, open_view, view_of_file
+from poseviewer.files.scene_assets import model_file, open_view, view_of_file, with_photo
 from poseviewer.files.structs import check_camera
-from poseviewer.files.writing import make_folder, write_whole
+from poseviewer.files.writing import make_folder, sha256_of, write_whole
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Parallel, Perspective, Pose
 from poseviewer.geometry.frames import OPENGL_FROM_OPENCV
@@ -70,6 +70,15 @@ class ConvertOptions:
     inverse: bool = False
     """Whether a matrix is that of the model from the camera."""
     overwrite: bool = False
+
+    def number_of(self, scene: Scene, view: int) -> str | None:
+        """Name or number of a view's image where images are numbered: of several photos whose names
+        are no numbers, the place of the view.
+        """
+        stems = [own.file.location.stem for own in scene.views]
+        is_numbered = all(map(str.isdecimal, stems)) and len(set(map(int, stems))) == len(stems)
+        counts = self.image is None and len(stems) > 1 and not is_numbered
+        return str(view) if counts else self.image_of(view)
 
     def image_of(self, view: int) -> str | None:
         """Name or number of a view's image; numbers count on from the first view's."""
@@ -169,7 +178,9 @@ class Format:
     lenses: Lenses = ()
     several_photos: bool = True
     several_objects: bool = False
-    """Whether it can say several objects, which all but our own do of one photo."""
+    """Whether it can say several objects."""
+    several_of_both: bool = False
+    """Whether it can say several objects in each of several photos."""
     is_own: bool = False
     """Whether it is our own: it says which photo, undistorted or not, its numbers belong to."""
     is_upright: bool = False
@@ -179,28 +190,45 @@ class Format:
     appends: bool = False
     """Whether what is written keeps what was there."""
     photos_in: str | None = None
-    """Folder, in the output, of undistorted photos; None: beside the file that is written."""
+    """Folder, in the output, of undistorted photos, and of all of several; None: beside the file
+    that is written.
+    """
 
     def convert(
         self, scene: Scene, out: Path, options: ConvertOptions
     ) -> tuple[list[Path], list[str]]:
         """Write a scene, and undistorted photos if need be; return all files, and notes."""
         notes, photos, views = list[str](), list[Path](), list[View]()
+        as_taken, undone = dict[str, list[str]](), list[str]()
         for number, view in enumerate(self._views_that_it_holds(scene, notes)):
             name = view.file.location.name or "the photo"
             is_undistorted = view.file.undistortion is not None and not self.is_own
+            is_there = view.file.location.is_file()
             if is_undistorted and (taken := _as_taken(view, self.lenses)):
-                notes.append(f"Camera and lens ({taken[1]}) are those of {name} as taken.")
-            elif is_undistorted and views and not view.file.location.is_file():
+                as_taken.setdefault(taken[1], []).append(name)
+            elif is_undistorted and views and not is_there:
                 notes.append(f"{name} is not there to be undistorted: left out.")
                 continue
             elif is_undistorted:
-                stem = Path(options.image_of(number) or name).stem
-                view = _of_undistorted(view, self._path_of_photo(out, stem), options)
+                path = self._path_of_photo(out, scene, number, options)
+                view = _of_undistorted(view, path, options)
                 photos.append(view.file.location)
-                other = f"{view.name}, the undistorted photo, which is written"
-                notes.append(f"All numbers of {name} belong to {other}; not to that as taken.")
+                undone.append(name)
+            elif self.photos_in and len(scene.views) > 1 and is_there:
+                path = self._path_of_photo(out, scene, number, options)
+                view = _copy_beside(view, path.with_suffix(""), options)
+                photos.append(view.file.location)
             views.append(self._turned(view, name, notes, is_first=not views))
+        for lens, names in as_taken.items():
+            said = list_names(names, MAX_NAMED)
+            notes.append(f"Camera and lens ({lens}) are those of {said} as taken.")
+        if undone:
+            other = (
+                f"{photos[0].name}, the undistorted photo, which is written; not to that as taken"
+            )
+            if len(undone) > 1:
+                other = "the undistorted photos, which are written; not to those as taken"
+            notes.append(f"All numbers of {list_names(undone, MAX_NAMED)} belong to {other}.")
         if (assumed := focal_guess_note(scene)) and not self.is_own:
             notes.append(assumed)
         contents = self.write(replace(scene, views=tuple(views)), out, options, notes)
@@ -223,16 +251,19 @@ class Format:
         if several and not self.several_objects:
             wanted = "choose an object with `object_id`, or convert all to bop, dope, gltf, meshlab"
             raise PoseFileError(f"Such a file holds one pose; {wanted}.")
-        if self.several_photos and (self.is_own or not several):
+        if self.several_photos and (self.several_of_both or not several):
             return scene.views
         if others:
             notes.append(f"It holds one photo: the other {others} of the set are left out.")
         return scene.views[:1]
 
-    def _path_of_photo(self, out: Path, stem: str) -> Path:
+    def _path_of_photo(self, out: Path, scene: Scene, view: int, options: ConvertOptions) -> Path:
         """Return the file of an undistorted photo."""
+        name = scene.views[view].file.location.name or "the photo"
         if self.photos_in is None:
+            stem = Path(options.image_of(view) or name).stem
             return out.parent / f"{stem}.undistorted.png"
+        stem = Path(options.number_of(scene, view) or name).stem
         make_folder(out / self.photos_in)
         return out / self.photos_in / f"{stem.zfill(6)}.png"  # BOP numbers images by their names
 
@@ -319,6 +350,36 @@ def _of_undistorted(view: View, path: Path, options: ConvertOptions) -> View:
         wanted = "move it away: the undistorted photo is to be written there"
         raise PhotoFileError(f"{path}: is there already and was not touched; {wanted}.")
     return view_of_file(path, view.camera, camera_from_world=view.camera_from_world)
+
+
+def copy_photo(view: View, path: Path) -> Path:
+    """Copy a view's photo to ``path`` and its ending; one that is distorted or stored turned as a
+    PNG as it is shown.
+    """
+    taken = view.file.location
+    if view.file.undistortion is not None or orientation_of(taken) != UPRIGHT:
+        save_photo(path.with_suffix(".png"), view.file.read())  # which keeps nothing
+        return path.with_suffix(".png")
+    copied = path.with_suffix(taken.suffix.lower())
+    photo = InputFile(taken, [], PhotoFileError, "photo", MAX_DATA_BYTES)
+    write_whole(copied, photo.load_bytes(), PoseFileError)
+    return copied
+
+
+def _copy_beside(view: View, path: Path, options: ConvertOptions) -> View:
+    """The view of a photo's copy; one that lies there, or in a folder beside, stays."""
+    taken = view.file.location.resolve()
+    if path.parent.parent.resolve() in taken.parents:
+        return view
+    there = [
+        own for own in path.parent.glob(f"{path.name}.*") if sha256_of(own) != sha256_of(taken)
+    ]
+    if there and not options.overwrite:
+        wanted = "move it away, or replace it with `overwrite`"
+        raise PhotoFileError(f"{there[0]}: is another photo than {view.name}; {wanted}.")
+    for own in there:
+        own.unlink()
+    return with_photo(view, copy_photo(view, path))
 
 
 def from_4x4(file: InputFile, values: Any, what: str) -> RigidTransform:

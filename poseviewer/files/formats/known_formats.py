@@ -38,6 +38,6 @@ FORMATS = {
     "meshlab": MESHLAB, "matrix": MATRIX, "linemod": LINEMOD, "dope": DOPE,
     "scene": Format(
         lambda scene, out, *_: scene_contents(out, scene), lambda path, _: load_scene(path),
-        several_objects=True, is_own=True,
+        several_objects=True, several_of_both=True, is_own=True,
     ),
 }  # fmt: skip

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from poseviewer.errors import PhotoFileError, PoseFileError
-from poseviewer.files.checks import MAX_DATA_BYTES, InputFile
+from poseviewer.errors import PoseFileError
 from poseviewer.files.formats import conversion as c
 from poseviewer.files.formats.bop import (
     PHOTO_FOLDERS,
@@ -27,13 +26,11 @@ from poseviewer.files.formats.bop import (
 )
 from poseviewer.files.formats.gltf_export import Track, write_gltf_scene
 from poseviewer.files.formats.known_formats import write_own
-from poseviewer.files.photo import orientation_of, save_photo
 from poseviewer.files.scene_assets import check_frames
 from poseviewer.files.video_encoding import has_h264, save_video
 from poseviewer.files.writing import make_folder, safe_path, write_whole
-from poseviewer.geometry.lens import UPRIGHT
 from poseviewer.scene.sequence import as_still, show_frame, stale_notes
-from poseviewer.scene.types import Scene, SearchResult, View
+from poseviewer.scene.types import Scene, SearchResult
 
 SEQUENCE_FORMATS = {
     "poseviewer": "", "bop": "", "csv": ".csv", "gltf": ".glb",
@@ -178,7 +175,7 @@ def _write_bop(
         ]
     make_folder(out / PHOTO_FOLDERS[1])
     for number, (_, shown) in zip(map(int, poses), posed, strict=True):
-        files.append(_write_photo(shown.views[0], out / PHOTO_FOLDERS[1] / f"{number:06d}"))
+        files.append(c.copy_photo(shown.views[0], out / PHOTO_FOLDERS[1] / f"{number:06d}"))
         for name, data in pictures.masks(shown, number).items():
             if name.endswith(".json"):
                 infos.setdefault(name, {}).update(json.loads(data))
@@ -189,18 +186,6 @@ def _write_bop(
     for name, content in infos.items():
         write_whole(out / name, scene_text(content).encode(), PoseFileError)
     return [*files, *(out / name for name in infos)]
-
-
-def _write_photo(view: View, path: Path) -> Path:
-    """Copy a photo; one that is distorted or stored turned as a PNG as it is shown."""
-    taken = view.file.location
-    if view.file.undistortion is not None or orientation_of(taken) != UPRIGHT:
-        save_photo(path.with_suffix(".png"), view.file.read())  # which keeps nothing
-        return path.with_suffix(".png")
-    copied = path.with_suffix(taken.suffix.lower())
-    photo = InputFile(taken, [], PhotoFileError, "photo", MAX_DATA_BYTES)
-    write_whole(copied, photo.load_bytes(), PoseFileError)
-    return copied
 
 
 def _animation(scene: Scene, out: Path, options: c.ConvertOptions, notes: list[str]) -> bytes:

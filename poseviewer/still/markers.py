@@ -1,0 +1,568 @@
+"""Cameras by ArUco and AprilTag markers that lie anywhere: the pictures tell their layout, too.
+
+The world is the frame of the marker that is seen most: its middle, x to its right, y to its upper
+edge, z towards who looks at it.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial.transform import Rotation
+
+from poseviewer.errors import SettingsError, list_names
+from poseviewer.geometry.arrays import FloatArray
+from poseviewer.geometry.camera import Perspective
+from poseviewer.geometry.lens import Undistortion
+from poseviewer.geometry.transform import RigidTransform
+from poseviewer.still.pictures import MIN_PICTURES, Grey, Pictures, Placed, Placement, Tell
+
+FAMILIES = {
+    "ArUco 4x4": cv2.aruco.DICT_4X4_1000, "ArUco 5x5": cv2.aruco.DICT_5X5_1000,
+    "ArUco 6x6": cv2.aruco.DICT_6X6_1000, "ArUco 7x7": cv2.aruco.DICT_7X7_1000,
+    "ArUco": cv2.aruco.DICT_ARUCO_ORIGINAL, "ArUco MIP 36h12": cv2.aruco.DICT_ARUCO_MIP_36H12,
+    "AprilTag 16h5": cv2.aruco.DICT_APRILTAG_16H5, "AprilTag 25h9": cv2.aruco.DICT_APRILTAG_25H9,
+    "AprilTag 36h10": cv2.aruco.DICT_APRILTAG_36H10,
+    "AprilTag 36h11": cv2.aruco.DICT_APRILTAG_36H11,
+}  # fmt: skip
+"""Dictionaries of OpenCV's that contain the others."""
+SURVEYED = 8
+"""Pictures by which the family is told, and whether there are markers at all."""
+PRINTED = 250
+"""Markers of a family by which it is told: all of thousands take seconds a picture."""
+MIN_SHARE = 0.6
+"""Share of these pictures with two markers from which cameras are found by markers."""
+CORNERS = np.array([(-0.5, 0.5, 0.0), (0.5, 0.5, 0.0), (0.5, -0.5, 0.0), (-0.5, -0.5, 0.0)])
+"""Corners of a marker of side 1 in OpenCV's order, the upper left one first."""
+REFINEMENTS = 3
+"""Times that corners are refined, each from where they were then."""
+MAX_SHIFT_PX = 3.0
+"""Shift of a corner that is no refinement any more, px."""
+GUESSES = (0.7, 1.0, 1.5, 2.2)
+"""Focal lengths to begin with where none is known, in the picture's longer side."""
+ROUNDS = 2
+"""Times that markers and cameras are placed in turn before all are solved for at once."""
+MAX_TOGETHER = 150
+"""Pictures whose cameras are solved for at once; those between are placed by the layout."""
+ROBUST_PX = 1.0
+"""Residual beyond which an observation counts less, px."""
+MOVED_PX = 3.0
+"""Median residual of a marker or a picture, px, from which it may have moved."""
+MOVED_TIMES = 5.0
+"""And in times that of all."""
+SIZE_RATIO = 1.05
+"""Ratio of two markers' sides from which they differ."""
+NEAR = 1e-9
+"""Depth of a point, in sides, that is as good as in the camera."""
+MAX_STEPS = 60
+"""Evaluations of the solution for all."""
+SIZE_SPREAD = 0.01
+"""Spread of the sides, by which markers are of one size unless their corners say otherwise."""
+GUESSING = 12
+"""Pictures by which a guess of the focal length is chosen."""
+TRIED = 4
+"""Markers whose poses are tried for a camera, and cameras for a marker's pose."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """Markers seen in pictures: n times a marker in a picture."""
+
+    views: NDArray[np.intp]
+    """(n,) positions of pictures."""
+    markers: NDArray[np.intp]
+    """(n,) positions of markers."""
+    pixels: FloatArray
+    """(n, 4, 2): corners, pixel centres at i + 0.5."""
+
+    def where(self, kept: NDArray[Any]) -> _Seen:
+        """Return some of the rows."""
+        return _Seen(self.views[kept], self.markers[kept], self.pixels[kept])
+
+
+@dataclass(frozen=True, slots=True)
+class _Solution:
+    """Cameras and layout."""
+
+    cameras: list[Perspective]
+    bends: FloatArray
+    """(m,): each camera's first radial coefficient."""
+    views: FloatArray
+    """(v, 6): rotation vector and translation, camera from world; nan: not placed."""
+    markers: FloatArray
+    """(k, 7): likewise, world from marker, and the logarithm of the marker's side."""
+
+
+def survey_markers(paths: Sequence[Path]) -> tuple[str, float]:
+    """Return the family of the markers in some of these pictures, "" without any, and the share of
+    the pictures that show two of them or more.
+    """
+    names = list(FAMILIES)
+    first = [_first_ids(number) for number in FAMILIES.values()]
+    any_family = cv2.aruco.ArucoDetector(first)
+    family, several = "", 0
+    some = [paths[i] for i in np.unique(np.linspace(0, len(paths) - 1, SURVEYED).astype(int))]
+    pictures = Pictures(some)
+    for index in range(len(some)):
+        grey = pictures.read(index)
+        if grey is None:
+            continue
+        if family:
+            ids = detector_of(family).detectMarkers(grey)[1]
+        else:
+            _, ids, _, families = any_family.detectMarkersMultiDict(grey)
+            if ids is not None and len(ids):
+                counts = np.bincount(np.ravel(families), minlength=len(names))
+                family, ids = names[int(counts.argmax())], ids[families == counts.argmax()]
+        several += ids is not None and len(ids) > 1
+    return family, several / len(some)
+
+
+def _first_ids(number: int) -> cv2.aruco.Dictionary:
+    """Return a dictionary of the first markers, which those who print some begin with."""
+    whole = cv2.aruco.getPredefinedDictionary(number)
+    return cv2.aruco.Dictionary(
+        whole.bytesList[:PRINTED], whole.markerSize, whole.maxCorrectionBits
+    )
+
+
+def detector_of(family: str) -> cv2.aruco.ArucoDetector:
+    """Return the detector of one of ``FAMILIES``."""
+    dictionary = cv2.aruco.getPredefinedDictionary(FAMILIES[family])
+    return cv2.aruco.ArucoDetector(dictionary)
+
+
+def place_by_markers(
+    tell: Tell, paths: Sequence[Path], known: Perspective | Undistortion | None, family: str,
+    marker_size: float | None,
+) -> Placement:  # fmt: skip
+    """Find the cameras of pictures.
+
+    Args:
+        tell: takes lines on how far it is.
+        paths: the pictures.
+        known: their camera, with its lens; None: found with them.
+        family: one of ``FAMILIES``.
+        marker_size: side of the markers, black edge to black edge; None: lengths are in sides.
+
+    Raises:
+        SettingsError: too few pictures show markers.
+    """
+    pictures, notes = Pictures(paths, known), list[str]()
+    found = dict[int, dict[int, FloatArray]]()
+    twice = dict[int, list[str]]()
+    detector = detector_of(family)
+    module_share = 1.0 / (detector.getDictionary().markerSize + 2)
+    for index, path in enumerate(paths):
+        tell(f"markers {index + 1} of {len(paths)}")
+        grey = pictures.read(index)
+        if grey is None:
+            continue
+        corners, ids, _ = detector.detectMarkers(grey)
+        numbers = [int(number) for number in np.ravel(ids)] if ids is not None else []
+        count = Counter(numbers)
+        for number in (one for one in count if count[one] > 1):
+            twice.setdefault(number, []).append(path.name)
+        found[index] = {
+            number: pictures.straighten(refine_corners(grey, own[0].astype(float), module_share))
+            for number, own in zip(numbers, corners, strict=True)
+            if count[number] == 1
+        }
+        if not found[index]:
+            pictures.left_out[index] = f"no marker of {family} in it"
+            del found[index]
+    for number, names in twice.items():
+        where = f"marker {number} is there twice in {list_names(names, 3)}"
+        notes.append(f"{where} and is not used there; print each number once.")
+    if len(found) < MIN_PICTURES:
+        wanted = "wanted two or more: whole, unmirrored, with a white margin"
+        raise SettingsError(f"{len(found)} of {len(paths)} pictures show markers; {wanted}.")
+    return _MarkerLayout(tell, pictures, found, notes).placement(marker_size)
+
+
+Line = tuple[FloatArray, FloatArray]
+"""A point (2,) of it, and its direction (2,)."""
+
+
+def refine_corners(grey: Grey, corners: FloatArray, module_share: float) -> FloatArray:
+    """Return where the lines along a marker's black sides meet, (4, 2) px as ``corners``.
+
+    OpenCV's own corners are half a pixel off where a marker has some 30: its windows take in what
+    is printed inside.
+
+    Args:
+        grey: picture (height, width).
+        corners: (4, 2), OpenCV's pixels, off by a pixel or two.
+        module_share: width of the black border in the marker's side.
+    """
+    for _ in range(REFINEMENTS):
+        lines = [
+            _side_line(grey, corners[side], corners[(side + 1) % 4], module_share)
+            for side in range(4)
+        ]
+        found = np.array([_meeting(lines[side - 1], lines[side]) for side in range(4)])
+        if not np.linalg.norm(found - corners, axis=1).max() < MAX_SHIFT_PX:
+            return corners
+        corners = found
+    return corners
+
+
+def _side_line(grey: Grey, start: FloatArray, end: FloatArray, module_share: float) -> Line:
+    """Return the edge near a side, by its steepest places."""
+    length = float(np.linalg.norm(end - start))
+    along = (end - start) / max(length, 1e-9)
+    outward = np.array([along[1], -along[0]])
+    reach = float(np.clip(0.8 * module_share * length, 1.0, 4.0))
+    shares = np.linspace(0.08, 0.92, int(np.clip(length, 8, 60)))
+    middles = start + shares[:, None] * (end - start)
+    offsets = np.arange(-reach, reach + 0.25, 0.5)
+    at = (middles[:, None] + offsets[:, None] * outward).astype(np.float32)
+    values = np.asarray(cv2.remap(grey, at[..., 0], at[..., 1], cv2.INTER_LINEAR), float)
+    steps = np.maximum(np.diff(values, axis=1), 0.0) ** 2  # from black to white
+    weights = steps.sum(axis=1)
+    edge = steps @ (0.5 * (offsets[1:] + offsets[:-1])) / np.maximum(weights, 1e-9)
+    off = np.abs(edge - np.median(edge))
+    weights = np.where(off <= 3.0 * np.median(off) + 0.05, weights, 0.0)
+    points = middles + edge[:, None] * outward
+    middle = np.average(points, axis=0, weights=weights + 1e-9)
+    spread = (points - middle) * np.sqrt(weights)[:, None]
+    return middle, np.linalg.svd(spread)[2][0]
+
+
+def _meeting(one: Line, other: Line) -> FloatArray:
+    """Return the point (2,) where two lines meet; far away, if they do not."""
+    directions = np.column_stack([one[1], -other[1]])
+    if abs(np.linalg.det(directions)) < 1e-6:
+        return np.full(2, np.inf)
+    return one[0] + np.linalg.solve(directions, other[0] - one[0])[0] * one[1]
+
+
+class _MarkerLayout:
+    """The markers' places, solved from where pictures show them."""
+
+    def __init__(
+        self, tell: Tell, pictures: Pictures, found: Mapping[int, Mapping[int, FloatArray]],
+        notes: list[str],
+    ) -> None:  # fmt: skip
+        self.tell, self.pictures, self.notes = tell, pictures, notes
+        counts = Counter(number for own in found.values() for number in own)
+        once = {number for number, count in counts.items() if count == 1}
+        found = self._connected({
+            index: {number: pixels for number, pixels in own.items() if number not in once}
+            for index, own in found.items()
+        })  # fmt: skip
+        self.indices = list(found)
+        counts = Counter(number for own in found.values() for number in own)
+        self.numbers = [number for number, _ in counts.most_common()]
+        at = {number: place for place, number in enumerate(self.numbers)}
+        rows = [
+            (view, at[number], pixels)
+            for view, own in enumerate(found.values())
+            for number, pixels in own.items()
+        ]
+        views, markers, pixels = zip(*rows, strict=True)
+        self.seen = _Seen(np.array(views), np.array(markers), np.array(pixels))
+        self.groups = np.array([pictures.camera_of[index] for index in self.indices])
+
+    def _connected(
+        self, found: Mapping[int, Mapping[int, FloatArray]]
+    ) -> dict[int, Mapping[int, FloatArray]]:
+        """Keep the most pictures that hang together by common markers."""
+        alone = [index for index, own in found.items() if not own]
+        self.pictures.left_out |= dict.fromkeys(alone, "its markers are in no other picture")
+        indices = [index for index, own in found.items() if own]
+        numbers = sorted({number for index in indices for number in found[index]})
+        if len(indices) < MIN_PICTURES:
+            wanted = "wanted two pictures or more with a marker in common"
+            raise SettingsError(f"{len(alone)} pictures show markers, no two the same; {wanted}.")
+        links = [(i, numbers.index(n)) for i, index in enumerate(indices) for n in found[index]]
+        rows, columns = np.array(links).T
+        size = len(indices) + len(numbers)
+        graph = coo_matrix((np.ones(len(links)), (rows, columns + len(indices))), (size, size))
+        labels = connected_components(graph, directed=False)[1][: len(indices)]
+        groups = [np.flatnonzero(labels == label) for label in dict.fromkeys(labels.tolist())]
+        groups.sort(key=len, reverse=True)
+        for group in groups[1:]:
+            names = [self.pictures.paths[indices[i]].name for i in group]
+            said = f"{len(groups[0])} pictures hang together, {len(group)} others among themselves"
+            self.notes.append(f"{said}: {list_names(names, 4)}.")
+            for i in group:
+                self.pictures.left_out[indices[i]] = "it shares no marker with most pictures"
+        return {indices[i]: found[indices[i]] for i in groups[0]}
+
+    def placement(self, marker_size: float | None) -> Placement:
+        """Solve, and say which markers have moved or are of other sizes."""
+        step = -(-len(self.indices) // MAX_TOGETHER)
+        part = self.seen.where(self.seen.views % step == 0)
+        solution = self._solve(self._begin(part), part)
+        solution, part = self._without_moved(solution, part)
+        kept = self.seen.where(np.isin(self.seen.markers, part.markers))
+        return self._placement(self._place_rest(solution, kept), kept, marker_size)
+
+    def _begin(self, seen: _Seen) -> _Solution:
+        """Place markers and cameras in turn, by the best guess of the focal lengths."""
+        pinhole, own = self.pictures.pinhole, self.pictures.cameras
+        guesses = [[pinhole] if pinhole is not None else own]
+        if pinhole is None and not self.pictures.focals_px:
+            guesses = [[_with_focal(one, factor) for one in own] for factor in GUESSES]
+        if len(guesses) > 1:
+            views = np.unique(seen.views)
+            some = seen.where(np.isin(seen.views, views[:: -(-len(views) // GUESSING)]))
+            costs = [self._cost(self._chain(guess, some), some) for guess in guesses]
+            guesses = [guesses[int(np.argmin(costs))]]
+        return self._chain(guesses[0], seen)
+
+    def _cost(self, solution: _Solution, seen: _Seen, most_px: float = 50.0) -> float:
+        residuals = self._residuals(solution, seen)
+        return float(np.sum(np.minimum(np.nan_to_num(residuals, nan=most_px), most_px)))
+
+    def _chain(self, cameras: list[Perspective], seen: _Seen) -> _Solution:
+        """Place cameras by known markers and markers by known cameras, from the marker that is seen
+        most on; then all again by all.
+        """
+        shape = len(self.indices), len(self.numbers)
+        views, markers = np.full((shape[0], 6), np.nan), np.full((shape[1], 7), np.nan)
+        solution = _Solution(cameras, np.zeros(len(cameras)), views, markers)
+        candidates = {row: self._candidates(solution, seen, row) for row in range(len(seen.views))}
+        markers[0] = 0.0
+        for _ in range(ROUNDS):
+            todo = set(seen.views.tolist())
+            while todo:
+                known = ~np.isnan(markers[seen.markers, 0])
+                counts = Counter(view for view in seen.views[known].tolist() if view in todo)
+                if not counts:
+                    break
+                most = max(counts.values())
+                for view in (view for view, number in counts.items() if number == most):
+                    todo.discard(view)
+                    rows = np.flatnonzero((seen.views == view) & known)
+                    views[view] = self._camera_at(solution, seen, rows, candidates)
+                for marker in np.unique(seen.markers[~known]):
+                    self._place_marker(solution, seen, marker, candidates)
+            for marker in range(1, shape[1]):
+                self._place_marker(solution, seen, marker, candidates)
+        return solution
+
+    def _candidates(self, solution: _Solution, seen: _Seen, row: int) -> list[FloatArray]:
+        """Both poses (6,), camera from marker, at which a marker looks about as it does."""
+        matrix = _matrix(solution.cameras[self.groups[seen.views[row]]])
+        how = cv2.SOLVEPNP_IPPE_SQUARE
+        _, turns, moves, _ = cv2.solvePnPGeneric(CORNERS, seen.pixels[row], matrix, None, flags=how)
+        return [_pose_of(*pose) for pose in zip(turns, moves, strict=True)]
+
+    def _camera_at(
+        self, solution: _Solution, seen: _Seen, rows: NDArray[np.intp],
+        candidates: Mapping[int, Sequence[FloatArray]],
+    ) -> FloatArray:  # fmt: skip
+        """Return the pose (6,) of the camera in which some rows are, by their known markers."""
+        view, some = seen.views[rows[0]], seen.where(rows)
+        tried = [
+            _joined(one, _inverse(solution.markers[seen.markers[row], :6]))
+            for row in rows[:TRIED]
+            for one in candidates[row]
+        ]
+        views = solution.views.copy()
+        costs = list[float]()
+        for views[view] in tried:
+            costs.append(self._cost(replace(solution, views=views), some))
+        start = tried[int(np.argmin(costs))]
+        points = _corners(solution, seen.markers[rows]).reshape(-1, 3)
+        matrix = _matrix(solution.cameras[self.groups[view]])
+        pixels = seen.pixels[rows].reshape(-1, 2)
+        turn, move = start[:3].copy(), start[3:].copy()
+        return _pose_of(*cv2.solvePnPRefineLM(points, pixels, matrix, None, turn, move))
+
+    def _place_marker(
+        self, solution: _Solution, seen: _Seen, marker: int,
+        candidates: Mapping[int, Sequence[FloatArray]],
+    ) -> None:  # fmt: skip
+        """Place a marker where all known cameras see it best, if any does."""
+        rows = np.flatnonzero((seen.markers == marker) & ~np.isnan(solution.views[seen.views, 0]))
+        if not len(rows):
+            return
+        own, markers = seen.where(rows), solution.markers.copy()
+        best, least = solution.markers[marker].copy(), np.inf
+        for row in rows[np.unique(np.linspace(0, len(rows) - 1, TRIED).astype(int))]:
+            for one in candidates[row]:
+                place = _joined(_inverse(solution.views[seen.views[row]]), one)
+                markers[marker] = [*place, 0.0]
+                cost = self._cost(replace(solution, markers=markers), own)
+                if cost < least:
+                    best, least = markers[marker].copy(), cost
+        solution.markers[marker] = best
+
+    def _residuals(self, solution: _Solution, seen: _Seen) -> FloatArray:
+        """(n, 4) px, of corners; nan where camera or marker is not placed."""
+        return np.linalg.norm(self._shown(solution, seen) - seen.pixels, axis=2)
+
+    def _shown(self, solution: _Solution, seen: _Seen) -> FloatArray:
+        """Where cameras show the corners (n, 4, 2), px."""
+        poses, groups = solution.views[seen.views], self.groups[seen.views]
+        points = _corners(solution, seen.markers)
+        points = np.einsum("nij,ncj->nci", _rotations(poses), points) + poses[:, None, 3:6]
+        numbers = np.array([(one.fx, one.fy, one.cx, one.cy) for one in solution.cameras])[groups]
+        depth = points[..., 2:]
+        flat = points[..., :2] / np.where(np.abs(depth) < NEAR, NEAR, depth)
+        bend = 1.0 + solution.bends[groups][:, None, None] * np.sum(flat**2, axis=2, keepdims=True)
+        return flat * bend * numbers[:, None, :2] + numbers[:, None, 2:]
+
+    def _solve(self, solution: _Solution, seen: _Seen) -> _Solution:
+        """Solve for cameras, layout and, unless it is known, focal lengths and lenses at once."""
+        self.tell(f"solving for {len(np.unique(seen.views))} cameras")
+        views, of_view = np.unique(seen.views, return_inverse=True)
+        markers, of_marker = np.unique(seen.markers, return_inverse=True)
+        is_free = self.pictures.pinhole is None
+        of_lens = 2 * len(solution.cameras) if is_free else 0
+        of_views = of_lens + 6 * len(views)
+        # The first marker is the world, of which the size alone is searched for.
+        free = np.ones((len(markers), 7), bool)
+        free[0, :6] = False
+        columns = np.where(free, of_views + np.cumsum(free).reshape(free.shape) - 1, -1)
+        longest = np.array([max(one.width, one.height) for one in solution.cameras])
+
+        def unpack(values: FloatArray) -> _Solution:
+            cameras, bends = solution.cameras, solution.bends
+            if is_free:
+                focals = np.exp(values[:of_lens:2])
+                cameras = [
+                    _with_focal(one, float(focal))
+                    for one, focal in zip(cameras, focals, strict=True)
+                ]
+                bends = values[1:of_lens:2]
+            placed, layout = solution.views.copy(), solution.markers.copy()
+            placed[views] = values[of_lens:of_views].reshape(-1, 6)
+            own = layout[markers]
+            own[free] = values[of_views:]
+            layout[markers] = own
+            return _Solution(cameras, bends, placed, layout)
+
+        def residuals(values: FloatArray) -> FloatArray:
+            now = unpack(values)
+            off = (self._shown(now, seen) - seen.pixels).ravel()
+            return np.concatenate([off, now.markers[markers, 6] / SIZE_SPREAD])
+
+        rows = np.arange(8 * len(seen.views)).reshape(-1, 8)
+        depends = [of_lens + 6 * of_view[:, None] + np.arange(6), columns[of_marker]]
+        if is_free:
+            depends.append(2 * self.groups[seen.views][:, None] + np.arange(2))
+        i, j = np.broadcast_arrays(rows[:, :, None], np.hstack(depends)[:, None])
+        i = np.concatenate([i.ravel(), rows.size + np.arange(len(markers))])
+        j = np.concatenate([j.ravel(), columns[:, 6]])
+        i, j = i[j >= 0], j[j >= 0]
+        shape = rows.size + len(markers), of_views + int(free.sum())
+        focals = [one.fx / side for one, side in zip(solution.cameras, longest, strict=True)]
+        intrinsics = np.column_stack([np.log(focals), solution.bends]) if is_free else np.zeros(0)
+        begin = [intrinsics, solution.views[views], solution.markers[markers][free]]
+        end = least_squares(
+            residuals, np.concatenate([part.ravel() for part in begin]), loss="soft_l1",
+            jac_sparsity=coo_matrix((np.ones(len(i)), (i, j)), shape), f_scale=ROBUST_PX,
+            x_scale="jac", max_nfev=MAX_STEPS,
+        )  # fmt: skip
+        return unpack(end.x)
+
+    def _without_moved(self, solution: _Solution, seen: _Seen) -> tuple[_Solution, _Seen]:
+        """Leave out markers that moved, and say so."""
+        residuals = self._residuals(solution, seen).mean(axis=1)
+        usual = max(float(np.median(residuals)), MOVED_PX / MOVED_TIMES)
+        own = {marker: float(np.median(residuals[seen.markers == marker]))
+               for marker in np.unique(seen.markers)}  # fmt: skip
+        moved = [marker for marker, off in own.items() if off > MOVED_TIMES * usual]
+        if not moved or len(moved) == len(own):
+            return solution, seen
+        for marker in moved:
+            said = f"marker {self.numbers[marker]} did not stay in its place, or was not flat"
+            self.notes.append(f"{said} ({own[marker]:.1f} px); it is not used.")
+        kept = seen.where(~np.isin(seen.markers, moved))
+        return self._solve(solution, kept), kept
+
+    def _place_rest(self, solution: _Solution, seen: _Seen) -> _Solution:
+        """Place the cameras that are not yet, by the layout."""
+        views = solution.views.copy()
+        pixels = np.empty_like(seen.pixels)
+        for number, (camera, bend) in enumerate(zip(solution.cameras, solution.bends, strict=True)):
+            own = self.groups[seen.views] == number
+            lens, matrix = np.array([bend, 0.0, 0.0, 0.0]), _matrix(camera)
+            flat = cv2.undistortPoints(seen.pixels[own].reshape(-1, 1, 2), matrix, lens, P=matrix)
+            pixels[own] = np.reshape(flat, (-1, 4, 2))
+        flat, pinholes = replace(seen, pixels=pixels), replace(solution, bends=0.0 * solution.bends)
+        rest = np.flatnonzero(np.isnan(views[:, 0]))
+        for count, view in enumerate(rest):
+            self.tell(f"placed {count + 1} of {len(rest)} between")
+            rows = np.flatnonzero(seen.views == view)
+            if len(rows):
+                candidates = {r: self._candidates(pinholes, flat, r) for r in rows.tolist()}
+                views[view] = self._camera_at(pinholes, flat, rows, candidates)
+        return replace(solution, views=views)
+
+    def _placement(self, solution: _Solution, seen: _Seen, marker_size: float | None) -> Placement:
+        pictures, notes = self.pictures, self.notes
+        sides = np.exp(solution.markers[:, 6])
+        usual = float(np.median(sides[np.unique(seen.markers)]))
+        for marker in np.unique(seen.markers):
+            ratio = sides[marker] / usual
+            if max(ratio, 1.0 / ratio) > SIZE_RATIO:
+                said = f"marker {self.numbers[marker]} has {ratio:.2f} times the side of most"
+                notes.append(f"{said}, which `marker_size` is taken for.")
+        residuals = self._residuals(solution, seen)
+        scale = (marker_size or 1.0) / usual
+        placed = dict[int, Placed]()
+        for view, index in enumerate(self.indices):
+            own, pose = residuals[seen.views == view], solution.views[view]
+            if np.isnan(pose[0]):
+                pictures.left_out[index] = "no marker in it that stayed in its place"
+                continue
+            place = RigidTransform.from_rotation_vector(pose[:3], scale * pose[3:])
+            group = self.groups[view]
+            camera, bend = solution.cameras[group], float(solution.bends[group])
+            placed[index] = pictures.placed(camera, (bend,), place, float(np.median(own)))
+        is_known = marker_size is not None
+        return Placement(
+            placed, pictures.left_out, pictures.sha256s, pictures.focals_px, is_known, tuple(notes)
+        )
+
+
+def _with_focal(camera: Perspective, factor: float) -> Perspective:
+    """Return the camera with a focal length in its picture's longer sides."""
+    focal = factor * max(camera.width, camera.height)
+    return replace(camera, fx=focal, fy=focal)
+
+
+def _matrix(camera: Perspective) -> FloatArray:
+    """Return the matrix (3, 3), pixel centres at i + 0.5."""
+    return np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])
+
+
+def _rotations(poses: FloatArray) -> FloatArray:
+    """(n, 3, 3), of poses (n, 6)."""
+    return Rotation.from_rotvec(np.nan_to_num(poses[:, :3])).as_matrix()
+
+
+def _corners(solution: _Solution, markers: NDArray[np.intp]) -> FloatArray:
+    """Corners (n, 4, 3) of markers, in the world."""
+    own = solution.markers[markers]
+    points = np.exp(own[:, 6])[:, None, None] * CORNERS
+    return np.einsum("nij,ncj->nci", _rotations(own), points) + own[:, None, 3:6]
+
+
+def _pose_of(turn: Any, move: Any) -> FloatArray:
+    """Return the pose (6,) of OpenCV's rotation vector and translation."""
+    return np.concatenate([np.ravel(turn), np.ravel(move)])
+
+
+def _joined(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return the pose (6,) that is ``first`` after ``second``."""
+    return _pose_of(*cv2.composeRT(second[:3], second[3:], first[:3], first[3:])[:2])
+
+
+def _inverse(pose: FloatArray) -> FloatArray:
+    return np.concatenate([-pose[:3], -cv2.Rodrigues(pose[:3])[0].T @ pose[3:]])
