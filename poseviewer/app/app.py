@@ -36,12 +36,14 @@ from poseviewer.app.workers.outlines import outlining
 from poseviewer.app.workers.overlay import drawing, picturing, reading, refining
 from poseviewer.app.workers.saving import Autosaver
 from poseviewer.app.workers.tasks import (
+    LongVideo,
     QueuedTask,
     Request,
     Restore,
     TaskProgress,
     TaskQueue,
     TaskResult,
+    UnsavedPose,
     restore,
 )
 from poseviewer.app.workers.tracking import frame_reading, tracking
@@ -153,8 +155,10 @@ class App:
             case TaskProgress(working, pace):
                 if self._tasks.busy:
                     self._show_work(working, f"{pace_text(pace)}\n{ENDS}")
-            case SavePose(on_taken):
+            case SavePose(on_taken, then):
                 self._save(on_taken)
+                if then is not None:
+                    self._handle(then)
             case ShowHelp(client):
                 self._page.show_help(client)
             case AskNumbers(what, client):
@@ -210,8 +214,11 @@ class App:
                 self._edit(edit)
         self._page.tell("Note", *result.notes)
         self._page.send(result)
-        if result.question is not None:
-            self._page.ask_every(result.question, result.client)
+        match result.question:
+            case LongVideo():
+                self._page.ask_every(result.question, result.client)
+            case UnsavedPose():
+                self._page.ask_to_open(result.question, result.client)
 
     def _show_work(self, what: str, note: str = "") -> None:
         """Say that a task is done that takes a moment; "" when it is over."""

@@ -151,3 +151,26 @@ def test_many_notes_leave_the_photo_free_and_no_sentence_names_a_flag(
     notice.wait_for(state="hidden")  # it lay over the photo
     page.open_step(1)
     back_to_the_scene(page)
+
+
+def test_what_would_replace_a_pose_that_is_not_saved_asks(
+    page: AppPage, scene: Scene, tmp_path: Path
+):
+    write_obj(tmp_path, "wood.png")
+    shutil.copy(scene.photo, tmp_path / "wood.png")
+    files = sorted(tmp_path.iterdir())
+    page.page.keyboard.press("ArrowRight")
+    page.drop_files(files)
+    page.wait_for_text("The pose is not saved")
+    page.page.get_by_role("button", name="Close", exact=True).click()
+    page.page.get_by_text("The pose is not saved").wait_for(state="detached")
+    page.wait_for_text("1,280 triangles")
+    page.drop_files(files)
+    page.page.get_by_role("button", name="Open without saving").click()
+    assert_textured(page, "quad.obj")
+    back_to_the_scene(page)
+    page.drop_files(files)
+    page.page.get_by_role("button", name="Save it, then open").click()
+    assert_textured(page, "quad.obj")
+    assert [*scene.photo.parent.glob("p*.pose.json")]
+    back_to_the_scene(page)

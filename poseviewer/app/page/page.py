@@ -27,7 +27,14 @@ from poseviewer.app.state.hiding import SHAPES
 from poseviewer.app.state.keys_and_buttons import client_keys, help_table
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import OF_FRAMES
-from poseviewer.app.workers.tasks import LongVideo, Restore, TaskResult, download
+from poseviewer.app.workers.tasks import (
+    LongVideo,
+    Request,
+    Restore,
+    TaskResult,
+    UnsavedPose,
+    download,
+)
 from poseviewer.errors import REPORTING, PoseViewerError
 from poseviewer.files.formats.bop import likely_numbers, object_numbers
 from poseviewer.files.formats.conversion import ConvertOptions
@@ -262,6 +269,25 @@ class Page:
                     self._post(video.open(max(int(every.value), 1)))
 
                 tab.gui.add_button("Open", color="cyan").on_click(take)
+                close = tab.gui.add_button("Close", color="gray")
+                close.on_click(lambda _, modal=modal: close_modal(modal))
+
+    def ask_to_open(self, unsaved: UnsavedPose, client: int) -> None:
+        """Ask on a page whether to open files in place of a pose that is in no file."""
+        for tab in self._tabs(None if client < 0 else client):
+            with tab.gui.add_modal("The pose is not saved") as modal:
+                name = plain(unsaved.name)
+                said = f"Opening **{name}** replaces what is shown, whose pose is in no file yet."
+                tab.gui.add_markdown(f"{said} *Undo* brings it back.")
+
+                def answer(request: Request, modal: Any = modal) -> None:
+                    close_modal(modal)
+                    self._post(request)
+
+                save = tab.gui.add_button("Save it, then open", color="cyan")
+                save.on_click(lambda _: answer(SavePose("beside", unsaved.open)))
+                without = tab.gui.add_button("Open without saving", color="gray")
+                without.on_click(lambda _: answer(unsaved.open))
                 close = tab.gui.add_button("Close", color="gray")
                 close.on_click(lambda _, modal=modal: close_modal(modal))
 

@@ -11,7 +11,7 @@ import numpy as np
 from msgspec import Meta
 
 from poseviewer.app.state.document import MARKING, Document
-from poseviewer.app.state.history import History
+from poseviewer.app.state.history import MAX_OPENED, History
 from poseviewer.app.state.results import ProposedStarts
 from poseviewer.app.state.session import Session, is_in_sight
 from poseviewer.errors import PoseViewerError, SettingsError
@@ -51,6 +51,8 @@ class SavePose:
 
     on_taken: Literal["ask", "replace", "beside", "leave"] = "ask"
     """Treatment of a file that this session did not write."""
+    then: Any = None
+    """Request to do once the pose is saved; None: none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,8 +128,10 @@ def open_document(
     session = session.with_document(document)
     session = session.with_first_proposals if looks and not unsaved else session
     history = History() if is_first else session.history
-    saved = None if unsaved else document
-    return replace(session, history=history, drag=None, tool="pose", saved=saved)
+    before = () if is_first or session.saved is None else (session.saved, *session.saved_before)
+    saved, before = None if unsaved else document, before[:MAX_OPENED]
+    changes = {"tool": "pose", "saved": saved, "saved_before": before}
+    return replace(session, history=history, drag=None, **changes)
 
 
 @drag_edit

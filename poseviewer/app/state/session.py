@@ -81,6 +81,8 @@ class Session:
     history: History = field(default_factory=History)
     saved: Document | None = None
     """Document as it was saved last."""
+    saved_before: tuple[Document, ...] = ()
+    """What was saved last of each that was open before, to which undo may lead back."""
     tool: str = "pose"
     drag: Drag | None = None
     measured: tuple[tuple[Photo, FloatArray], ...] = ()
@@ -267,7 +269,8 @@ class Session:
     @property
     def is_unsaved(self) -> bool:
         """Whether a pose, or what files keep with it, has changed since it was saved."""
-        return self.saved is None or self.saved.placement != self.document.placement
+        saved = (one.placement for one in (self.saved, *self.saved_before) if one is not None)
+        return self.document.placement not in saved
 
     def with_history(self, history: History, document: Document) -> Session:
         """The session at a document of a history, without a search and stale results."""

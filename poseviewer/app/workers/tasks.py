@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from poseviewer.app.state.document import Document
 from poseviewer.app.state.edits import (
     AskNumbers,
     Edit,
@@ -41,7 +42,7 @@ from poseviewer.geometry.camera import size_at_scale
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import LensModel
 from poseviewer.opening.scenes import notes_of
-from poseviewer.opening.sources import Kind, files_below, sort_set
+from poseviewer.opening.sources import Kind, Sources, files_below, sort_set
 from poseviewer.opening.uploads import MAX_UPLOAD_BYTES, display_name, gather, keep_set
 from poseviewer.starts.start import StartInputs
 from poseviewer.starts.wheels import likely_wheels
@@ -63,7 +64,7 @@ class TaskResult:
     """Contents by names, for one page."""
     client: int = -1
     """Id of that page's client."""
-    question: LongVideo | None = None
+    question: LongVideo | UnsavedPose | None = None
     """Question to that page, whose answer goes on."""
 
 
@@ -78,6 +79,15 @@ class LongVideo:
     """About how long it takes to read them, s."""
     open: Callable[[int], QueuedTask]
     """Makes the task that opens every N-th frame."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UnsavedPose:
+    """Question whether files are opened that replace a pose which is in no file."""
+
+    name: str
+    """Of the first file."""
+    open: QueuedTask
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,8 +190,8 @@ def upload(
     lens_model: LensModel | None = None,
     client: int = -1,
 ) -> QueuedTask:
-    """Store files that a page sent together, and open them; of a long video, ask first how many
-    frames are taken.
+    """Store files that a page sent together, and open them; ask first how many frames of a long
+    video are taken, and where a pose would be replaced that is in no file.
 
     Args:
         kind: what the user chose them as; None: any.
@@ -194,7 +204,7 @@ def upload(
     working = f"Reading {name[:60]} ..."
 
     def open_kept(
-        root: Path, every: int | None, now: Session, state: Path, tell: Tell
+        root: Path, every: int | None, is_sure: bool, now: Session, state: Path, tell: Tell
     ) -> TaskResult:
         uploads = state / "uploads"
         files = sort_set(files_below(root), kind, None if adds else now.document.model.path)
@@ -208,6 +218,9 @@ def upload(
                     return TaskResult(client=client, question=question)
                 files = replace(files, frames=read_video(video, count, every or 1, tell))
             document = open_file_set(now.document, files, models, root, lens_model)
+            if not is_sure and _loses_pose(now, document, files):
+                again = QueuedTask(partial(open_kept, root, every, True), working)
+                return TaskResult(client=client, question=UnsavedPose(display_name(name), again))
             looks = not has_demo_model(document)
             return TaskResult((open_document(document, looks=looks),), document.scene.notes)
         if not models:
@@ -217,12 +230,23 @@ def upload(
         return TaskResult(tuple(map(add_object, loaded)), (*notes, *files.notes))
 
     def ask_again(root: Path) -> Callable[[int], QueuedTask]:
-        return lambda every: QueuedTask(partial(open_kept, root, every), working)
+        return lambda every: QueuedTask(partial(open_kept, root, every, False), working)
 
     def run(now: Session, state: Path, tell: Tell) -> TaskResult:
-        return open_kept(keep_set(state / "uploads", data), None, now, state, tell)
+        return open_kept(keep_set(state / "uploads", data), None, False, now, state, tell)
 
     return QueuedTask(run, working, size=len(data))
+
+
+def _loses_pose(now: Session, opened: Document, files: Sources) -> bool:
+    """Whether what is opened replaces a pose that is in no file."""
+    if not (now.is_unsaved and any(item.is_placed for item in now.document.scene.objects)):
+        return False
+    shown, after = (
+        ([view.path for view in d.scene.views], [item.model.path for item in d.scene.objects])
+        for d in (now.document, opened)
+    )
+    return shown != after or files.start is not None
 
 
 def read_video(video: Path, count: int, every: int, tell: Tell) -> ImageSequence:

@@ -289,6 +289,11 @@ def test_unsaved_is_told():
     assert not saved.is_unsaved
     assert after(saved, c.nudge("move", 1.0)).is_unsaved
     assert not after(saved, c.nudge("move", 1.0), c.undo()).is_unsaved
+    # Undo leads back to what was open, as it was saved, and as it was not.
+    other = c.open_document(make_session().document)
+    assert not after(saved, other).is_unsaved
+    assert not after(saved, other, c.undo()).is_unsaved
+    assert after(saved, c.nudge("move", 1.0), other, c.undo()).is_unsaved
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,11 @@
 """Tasks are done in order; those that are dropped bring nothing."""
 
+import json
 import os
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +18,12 @@ from poseviewer.app.workers import jobs
 from poseviewer.app.workers.maps import MapMaker
 from poseviewer.app.workers.tasks import (
     LONG_VIDEO,
+    LongVideo,
     QueuedTask,
     TaskQueue,
     TaskResult,
     Tell,
+    UnsavedPose,
     upload,
 )
 from poseviewer.errors import FileSetError
@@ -95,8 +99,10 @@ def uploaded(tmp_path: Path, count: int) -> tuple[Session, QueuedTask]:
     """A session, and the upload of a video of some frames."""
     case = demo_case()
     video = write_video(tmp_path / "clip.mp4", count).read_bytes()
-    session = Session(open_files(case.photo, case.model, case.start))
-    return session, upload("photo", "clip.mp4", pack([("clip.mp4", video)]), client=7)
+    document = open_files(case.photo, case.model, case.start)
+    return Session(document, saved=document), upload(
+        "photo", "clip.mp4", pack([("clip.mp4", video)]), client=7
+    )
 
 
 def test_a_long_video_is_asked_about_and_every_nth_frame_read(tmp_path: Path):
@@ -105,7 +111,7 @@ def test_a_long_video_is_asked_about_and_every_nth_frame_read(tmp_path: Path):
     assert asked.edits == ()
     assert asked.client == 7
     question = asked.question
-    assert question is not None
+    assert isinstance(question, LongVideo)
     assert (question.name, question.frames) == ("clip.mp4", LONG_VIDEO + 1)
     assert "**301 frames**" in every_text(question, 1)
     assert "2 min to propagate" in every_text(question, 1)
@@ -117,6 +123,24 @@ def test_a_long_video_is_asked_about_and_every_nth_frame_read(tmp_path: Path):
     assert len(opened.document.scene.frames) == 61
     assert told[-1] == (61, 61)
     assert sorted(told) == told
+
+
+def test_a_pose_in_no_file_is_asked_about(tmp_path: Path):
+    saved, task = uploaded(tmp_path, 4)
+    unsaved = replace(saved, saved=None)
+    asked = task.run(unsaved, tmp_path, lambda *_: None)
+    assert asked.edits == ()
+    assert isinstance(asked.question, UnsavedPose)
+    assert asked.question.name == "clip.mp4"
+    result = asked.question.open.run(unsaved, tmp_path, lambda *_: None)
+    assert result.question is None
+    assert len(result.edits[0](unsaved).document.scene.frames) == 4
+    # Nothing is lost where nothing is placed, or where the pose stays.
+    nowhere = saved.document.with_object(is_placed=False)
+    assert task.run(replace(unsaved, document=nowhere), tmp_path, lambda *_: None).question is None
+    lens = json.dumps({"fx": 1500, "fy": 1500, "cx": 640, "cy": 480, "width": 1280, "height": 960})
+    calibration = upload("photo", "lens.json", pack([("lens.json", lens.encode())]))
+    assert not isinstance(calibration.run(unsaved, tmp_path, lambda *_: None).question, UnsavedPose)
 
 
 def test_a_short_video_is_opened_at_once(tmp_path: Path):
@@ -145,7 +169,8 @@ def test_uploads_that_wait_are_bounded(tmp_path: Path, monkeypatch: pytest.Monke
 def test_a_photo_alone_waits_for_its_model_where_the_demo_is_open(scene: Scene, tmp_path: Path):
     case, photo = demo_case(), scene.photo.read_bytes()
     for model, is_looking in ((case.model, False), (scene.model, True)):
-        session = Session(open_files(case.photo, model, case.start))
+        document = open_files(case.photo, model, case.start)
+        session = Session(document, saved=document)
         task = upload("photo", "own.png", pack([("own.png", photo)]))
         (edit,) = task.run(session, tmp_path, lambda *_: None).edits
         opened = edit(session)
