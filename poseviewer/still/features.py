@@ -67,6 +67,10 @@ MIN_PARALLAX = 0.005
 """Motion of points, in the picture's longer side, that a turn leaves unexplained, at least."""
 MIN_ANGLE_DEG = 3.0
 """Median angle between the viewing rays of a point below which nothing tells depth."""
+MAX_ZOOM = 1.05
+"""Ratio of the focal lengths of single pictures from which they may have been zoomed."""
+ROUGH_PX = 0.3
+"""Median residual of pictures that do not quite fit together, px."""
 NO_PYCOLMAP = (
     "cameras by features need pycolmap; pip install 'poseviewer[cameras]', or use markers."
 )
@@ -124,7 +128,9 @@ def place_by_features(
     _refuse_turns(database, pictures, features, numbers)
     model, others = _reconstruct(tell, database, folder, pictures, numbers)
     solved = _Solved(pictures, model, numbers)
-    rest = [index for index in range(len(paths)) if index not in {*chosen}]
+    rest = sorted({*range(len(paths))} - {*chosen})
+    for index in features.keys() - solved.placed.keys():
+        solved.place(index, features[index], features)
     for count, index in enumerate(rest):
         tell(f"placed {count + 1} of the {len(rest)} between")
         found = _features_in(pictures, index)
@@ -341,6 +347,8 @@ class _Solved:
         self.points = dict[int, tuple[NDArray[np.intp], FloatArray]]()
         """By picture: indices of the features that are points, and the points (n, 3)."""
         self.placed = dict[int, Placed]()
+        self.zooms = list[float]()
+        """Focal lengths by which single pictures fit best, in that of all."""
         where = {number: point.xyz for number, point in model.points3D.items()}
         for image in _images(model):
             index = int(image.name)
@@ -352,6 +360,8 @@ class _Solved:
             pose = image.cam_from_world()
             residuals = _residuals(model.camera(image.camera_id), pose, points, pixels)
             self._add(index, image.camera_id, pose, float(np.median(residuals)))
+            if pictures.pinhole is None and len(points) >= MIN_INLIERS:
+                self.zooms.append(_zoom(model.camera(image.camera_id), pose, points, pixels))
         self.numbers = {index: int(number) for index, number in numbers.items()}
         angle = self._angle_deg()
         if angle < MIN_ANGLE_DEG:
@@ -443,6 +453,11 @@ class _Solved:
         left_out, notes = self.pictures.left_out, list[str]()
         if len(self.numbers) == MIN_PICTURES and self.pictures.pinhole is None:
             notes.append("The focal length is assumed: two pictures do not tell it; take more.")
+        residual = float(np.median([own.residual_px for own in self.placed.values()]))
+        if self.zooms and max(self.zooms) > MAX_ZOOM * min(self.zooms) and residual > ROUGH_PX:
+            found = f"from {min(self.zooms):.2f} to {max(self.zooms):.2f} times"
+            why = f"Single pictures fit best with {found} the focal length of all"
+            notes.append(f"{why}: were they zoomed? Then their cameras are wrong.")
         for group in others:
             own = [index for index in group if index not in self.placed]
             names = [self.pictures.paths[index].name for index in own]
@@ -461,6 +476,18 @@ class _Solved:
             self.pictures.focals_px,
             notes=tuple(notes),
         )
+
+
+def _zoom(camera: Any, pose: Any, points: FloatArray, pixels: FloatArray) -> float:
+    """Return the focal length by which a picture fits best, in its camera's."""
+    import pycolmap
+
+    free = pycolmap.Camera(camera.todict())
+    options = pycolmap.AbsolutePoseRefinementOptions()
+    options.refine_focal_length = True
+    inside = np.ones(len(points), bool)
+    answer = pycolmap.refine_absolute_pose(pose, pixels, points, inside, free, options)
+    return float(free.focal_length_x / camera.focal_length_x) if answer else 1.0
 
 
 def _residuals(camera: Any, pose: Any, points: FloatArray, pixels: FloatArray) -> FloatArray:
