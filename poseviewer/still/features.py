@@ -39,7 +39,9 @@ CHOSEN = 40
 MAX_STEP = 25
 """Largest step between chosen pictures: a second of a film, in which things stay in sight."""
 NEIGHBOURS = 10
-"""Chosen pictures, before and after, that each is matched with."""
+"""Chosen frames, before and after, that each is matched with."""
+SPREAD = 20
+"""Chosen frames, about, that are matched each with each: a film may come back."""
 LONGEST_PX = 1600
 """Longer side at which features are looked for: finer ones seldom match."""
 MAX_FEATURES = 4000
@@ -123,7 +125,8 @@ def place_by_features(
         raise SettingsError(_too_few(pictures, len(chosen)))
     database = folder / "features.db"
     numbers = _write_features(database, pictures, features)
-    _match(tell, database, folder / "pairs.txt", [*features])
+    pairs = _pairs([*features], is_whole=len(paths) <= MAX_WHOLE)
+    _match(tell, database, folder / "pairs.txt", pairs)
     tell("comparing motions")
     _refuse_turns(database, pictures, features, numbers)
     model, others = _reconstruct(tell, database, folder, pictures, numbers)
@@ -215,9 +218,9 @@ def _write_features(
     return numbers
 
 
-def _pairs(indices: Sequence[int]) -> list[tuple[int, int]]:
-    """Pairs of pictures to match: neighbours, and of up to ``MAX_WHOLE`` spread ones all."""
-    step = -(-len(indices) // MAX_WHOLE)
+def _pairs(indices: Sequence[int], is_whole: bool) -> list[tuple[int, int]]:
+    """Pairs of pictures to match: all, or of frames neighbours, and some that are evenly spread."""
+    step = 1 if is_whole else -(-len(indices) // SPREAD)
     return [
         (indices[a], indices[b])
         for a, b in combinations(range(len(indices)), 2)
@@ -225,10 +228,9 @@ def _pairs(indices: Sequence[int]) -> list[tuple[int, int]]:
     ]
 
 
-def _match(tell: Tell, database: Path, file: Path, indices: Sequence[int]) -> None:
+def _match(tell: Tell, database: Path, file: Path, pairs: Sequence[tuple[int, int]]) -> None:
     import pycolmap
 
-    pairs = _pairs(indices)
     matching = pycolmap.FeatureMatchingOptions()
     matching.use_gpu = False
     geometry = pycolmap.TwoViewGeometryOptions()
@@ -260,7 +262,7 @@ def _refuse_turns(
         matches = np.asarray(geometry.inlier_matches, int)
         if len(matches) >= FEW_FEATURES:
             pair = [index_of[one] for one in pycolmap.pair_id_to_image_pair(number)]
-            camera = pictures.cameras[pictures.camera_of[pair[0]]]
+            camera = pictures.pinhole or pictures.cameras[pictures.camera_of[pair[0]]]
             middle = np.array([camera.cx, camera.cy], np.float32)
             side = max(camera.width, camera.height)
             a, b = (features[i].at[matches[:, k]] - middle for k, i in enumerate(pair))
@@ -269,12 +271,11 @@ def _refuse_turns(
         return
     known = pictures.pinhole
     focals = FOCALS if known is None else (known.fx / max(known.width, known.height),)
-    off = min(max(_off_turn(a, b, focal) for a, b in pairs) for focal in focals)
+    # Few pairs may be of wrong matches, which nothing explains.
+    off = min(np.percentile([_off_turn(a, b, focal) for a, b in pairs], 90) for focal in focals)
     if off < MIN_PARALLAX:
-        found = (
-            f"A camera that only turns explains the pictures up to {100.0 * off:.2f} % of a side"
-        )
-        raise SettingsError(f"{found}: {NO_MOTION}")
+        found = f"A camera that only turns explains all but {100.0 * off:.2f} % of a side"
+        raise SettingsError(f"{found} of the pictures' motion: {NO_MOTION}")
 
 
 def _off_turn(a: NDArray[Any], b: NDArray[Any], focal: float) -> float:
