@@ -289,9 +289,10 @@ class Page:
             ways[f"{label_of(document.object)}, placed in {posed:,} frames"] = "object"
         with tab.gui.add_modal("It stands still") as modal:
             tab.gui.add_markdown(STILL_TEXT)
-            way = tab.gui.add_dropdown("Cameras by", tuple(ways))
+            # A dropdown that comes first would open, as the dialog does.
             side = tab.gui.add_number("Markers' side", 0.0, min=0.0, step=0.0001, hint=SIDE_HINT)
             unit = tab.gui.add_dropdown("in", tuple(METRES), initial_value="m")
+            way = tab.gui.add_dropdown("Cameras by", tuple(ways))
 
             def find(_: viser.GuiEvent) -> None:
                 close_modal(modal)
