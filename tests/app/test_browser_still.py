@@ -1,4 +1,4 @@
-"""A film of a table in real Chromium: cameras found, two things placed once, exported, read again."""
+"""A film of a table in real Chromium: cameras found, two things placed once, sent as a data set."""
 
 import json
 from collections.abc import Iterator
@@ -32,9 +32,8 @@ def page(browser: Browser, tmp_path: Path) -> Iterator[AppPage]:
     write_pictures(tmp_path / "film", CAMERAS, MARKERS)
     save_model(tmp_path / "low.ply", make_box((0.2, 0.08, 0.08)))
     save_model(tmp_path / "high.ply", make_box((0.12, 0.12, 0.18)))
-    with AppProcess(tmp_path) as app, AppPage(browser, app.url) as tab:
-        tab.wait_for_text("triangles")
-        tab.drop_files([tmp_path / "film", tmp_path / "low.ply"])
+    files = tmp_path / "film", tmp_path / "low.ply"
+    with AppProcess(tmp_path, *files) as app, AppPage(browser, app.url) as tab:
         tab.until(lambda: said(tab).startswith(f"frame 1 of {COUNT}"))
         yield tab
 
@@ -60,7 +59,7 @@ def test_a_film_of_a_table_becomes_a_data_set(page: AppPage, tmp_path: Path):
     page.page.get_by_label("Markers' side").first.blur()
     page.page.get_by_role("button", name="Find the cameras").click()
     page.wait_for_text(f"{COUNT} of {COUNT} pictures have cameras, by markers")
-    assert said(page).startswith(f"photo 1 of {COUNT} · 0000.png")
+    page.until(lambda: said(page).startswith(f"photo 1 of {COUNT} · 0000.png"))
     # Undo brings the sequence back, and the views again.
     page.page.keyboard.press("z")
     page.until(lambda: said(page).startswith("frame 1 "))
@@ -99,10 +98,10 @@ def test_a_film_of_a_table_becomes_a_data_set(page: AppPage, tmp_path: Path):
             assert (folder / f"mask_visib/{index:06d}_{number:06d}.png").is_file()
         assert len(image.objects) == 2
         # The set's cameras show the world as the scene's do.
-        points = np.random.default_rng(0).uniform(-0.2, 0.2, (9, 3))
+        points = np.random.default_rng(0).uniform(-0.2, 0.2, (9, 3)) + np.array([0.0, 0.0, 0.9])
         known = scene.views[index].pose(Similarity(scene.views[0].camera_from_world.inverse()))
         world = Similarity(views[0].camera_from_world.inverse(), 1000.0)
-        shown = view.pose(world).project(points + [0.0, 0.0, 0.9])
-        np.testing.assert_allclose(shown, known.project(points + [0.0, 0.0, 0.9]), atol=1e-6)
+        shown = view.pose(world).project(points)
+        np.testing.assert_allclose(shown, known.project(points), atol=1e-6)
     infos = json.loads((folder / "scene_gt_info.json").read_text())
     assert all(0.0 < item["visib_fract"] <= 1.0 for item in infos["0"])
