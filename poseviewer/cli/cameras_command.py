@@ -116,7 +116,8 @@ def _of_pictures(options: Namespace) -> StillCameras:
         for step in steps:
             if isinstance(step, StillCameras):
                 return step
-            bar.set_description_str(step)
+            bar.set_description_str(step, refresh=False)
+            bar.update()
     raise AssertionError("no cameras, and no error")
 
 

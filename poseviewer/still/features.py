@@ -18,7 +18,7 @@ from poseviewer.errors import SettingsError, list_names
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import Undistortion
-from poseviewer.geometry.transform import RigidTransform
+from poseviewer.geometry.transform import RigidTransform, nearest_rotation
 from poseviewer.still.pictures import (
     MIN_PICTURES,
     Grey,
@@ -43,11 +43,11 @@ NEIGHBOURS = 10
 LONGEST_PX = 1600
 """Longer side at which features are looked for: finer ones seldom match."""
 MAX_FEATURES = 4000
-"""FeaturePoints of a picture, the strongest: more take longer."""
+"""Features of a picture, the strongest: more take longer."""
 CONTRAST = 0.02
 """Smallest contrast of a feature, COLMAP's own."""
 FEW_FEATURES = 50
-"""FeaturePoints below which a picture shows no texture."""
+"""Features below which a picture shows no texture."""
 PAIRS_AT_ONCE = 60
 """Pairs that are matched between two lines on how far that is."""
 SEED = 1
@@ -61,6 +61,10 @@ MAX_ERROR_PX = 4.0
 """Residual of an inlier at most, px at ``LONGEST_PX``."""
 INIT_ANGLE_DEG = 6.0
 """Angle of the rays of the first two pictures: COLMAP's own takes long to be given up in a clip."""
+FOCALS = tuple(np.geomspace(0.4, 4.0, 24).tolist())
+"""Focal lengths of a turn, in the picture's longer side."""
+MIN_PARALLAX = 0.005
+"""Motion of points, in the picture's longer side, that a turn leaves unexplained, at least."""
 MIN_ANGLE_DEG = 3.0
 """Median angle between the viewing rays of a point below which nothing tells depth."""
 NO_PYCOLMAP = (
@@ -74,7 +78,7 @@ NO_MOTION = (
 
 @dataclass(frozen=True, slots=True)
 class FeaturePoints:
-    """FeaturePoints of a picture."""
+    """Features of a picture."""
 
     at: NDArray[np.float32]
     """(n, 2) px, as of ``Pictures.straighten``."""
@@ -116,6 +120,8 @@ def place_by_features(
     database = folder / "features.db"
     numbers = _write_features(database, pictures, features)
     _match(tell, database, folder / "pairs.txt", [*features])
+    tell("comparing motions")
+    _refuse_turns(database, pictures, features, numbers)
     model, others = _reconstruct(tell, database, folder, pictures, numbers)
     solved = _Solved(pictures, model, numbers)
     rest = [index for index in range(len(paths)) if index not in {*chosen}]
@@ -228,6 +234,53 @@ def _match(tell: Tell, database: Path, file: Path, indices: Sequence[int]) -> No
         pairing = pycolmap.ImportedPairingOptions()
         pairing.match_list_path = file
         pycolmap.match_image_pairs(database, matching, pairing, geometry)
+
+
+def _refuse_turns(
+    database: Path, pictures: Pictures, features: Mapping[int, FeaturePoints],
+    numbers: Mapping[int, int],
+) -> None:  # fmt: skip
+    """Raise where a camera that only turns explains what all pairs of pictures have in common.
+
+    COLMAP finds cameras for such pictures, too: a wrong focal length looks like parallax.
+    """
+    import pycolmap
+
+    index_of = {number: index for index, number in numbers.items()}
+    with pycolmap.Database.open(database) as opened:
+        ids, geometries = opened.read_two_view_geometries()
+    pairs = list[tuple[NDArray[Any], NDArray[Any]]]()
+    for number, geometry in zip(ids, geometries, strict=True):
+        matches = np.asarray(geometry.inlier_matches, int)
+        if len(matches) >= FEW_FEATURES:
+            pair = [index_of[one] for one in pycolmap.pair_id_to_image_pair(number)]
+            camera = pictures.cameras[pictures.camera_of[pair[0]]]
+            middle = np.array([camera.cx, camera.cy], np.float32)
+            side = max(camera.width, camera.height)
+            a, b = (features[i].at[matches[:, k]] - middle for k, i in enumerate(pair))
+            pairs.append((a / side, b / side))
+    if not pairs:
+        return
+    known = pictures.pinhole
+    focals = FOCALS if known is None else (known.fx / max(known.width, known.height),)
+    off = min(max(_off_turn(a, b, focal) for a, b in pairs) for focal in focals)
+    if off < MIN_PARALLAX:
+        found = (
+            f"A camera that only turns explains the pictures up to {100.0 * off:.2f} % of a side"
+        )
+        raise SettingsError(f"{found}: {NO_MOTION}")
+
+
+def _off_turn(a: NDArray[Any], b: NDArray[Any], focal: float) -> float:
+    """Return the median distance of points ``b`` (n, 2) from where a turn of the camera takes
+    ``a``, both about the picture's middle in its longer side, as the focal length is.
+    """
+    one, other = (np.column_stack([at, np.full(len(at), focal)]) for at in (a, b))
+    lengths = [np.linalg.norm(at, axis=1, keepdims=True) for at in (one, other)]
+    turn = nearest_rotation((other / lengths[1]).T @ (one / lengths[0]))
+    turned = one @ turn.T
+    shown = focal * turned[:, :2] / np.maximum(turned[:, 2:], 1e-6)
+    return float(np.median(np.linalg.norm(shown - b, axis=1)))
 
 
 def _reconstruct(
@@ -387,7 +440,9 @@ class _Solved:
 
     def placement(self, others: Sequence[Sequence[int]]) -> Placement:
         """Return what was found, and say what did not hang together."""
-        left_out, notes = self.pictures.left_out, []
+        left_out, notes = self.pictures.left_out, list[str]()
+        if len(self.numbers) == MIN_PICTURES and self.pictures.pinhole is None:
+            notes.append("The focal length is assumed: two pictures do not tell it; take more.")
         for group in others:
             own = [index for index in group if index not in self.placed]
             names = [self.pictures.paths[index].name for index in own]

@@ -56,20 +56,32 @@ MAX_TOGETHER = 150
 """Pictures whose cameras are solved for at once; those between are placed by the layout."""
 ROBUST_PX = 1.0
 """Residual beyond which an observation counts less, px."""
-MOVED_PX = 3.0
-"""Median residual of a marker or a picture, px, from which it may have moved."""
-MOVED_TIMES = 5.0
-"""And in times that of all."""
+MAX_STEPS = 60
+"""Evaluations of the solution for all."""
+FEW_STEPS = 15
+"""And to see whether a marker has moved."""
 SIZE_RATIO = 1.05
 """Ratio of two markers' sides from which they differ."""
 NEAR = 1e-9
 """Depth of a point, in sides, that is as good as in the camera."""
-MAX_STEPS = 60
-"""Evaluations of the solution for all."""
 SIZE_SPREAD = 0.01
 """Spread of the sides, by which markers are of one size unless their corners say otherwise."""
 GUESSING = 12
 """Pictures by which a guess of the focal length is chosen."""
+MIN_RAYS = 3
+"""Cameras that tell the size of a marker."""
+MIN_PARALLAX = 0.01
+"""Sine of the angle between their rays, at least."""
+LARGEST = 10.0
+"""Largest side of a marker in those of the others, or of the others in its."""
+OTHER_SIZE_COSTS = 2.0
+"""Residuals with a size of its own count so many times, as markers are mostly of one size."""
+GOOD_PX = 0.3
+"""Median residual that no marker has to be left out for, px."""
+ODD_SHARE = 0.5
+"""Share of the median residual that is left without a marker that moved."""
+MAX_ODD = 12
+"""Markers, those that are seen most, of which one may have moved."""
 TRIED = 4
 """Markers whose poses are tried for a camera, and cameras for a marker's pose."""
 
@@ -334,7 +346,8 @@ class _MarkerLayout:
         views, markers = np.full((shape[0], 6), np.nan), np.full((shape[1], 7), np.nan)
         solution = _Solution(cameras, np.zeros(len(cameras)), views, markers)
         candidates = {row: self._candidates(solution, seen, row) for row in range(len(seen.views))}
-        markers[0] = 0.0
+        first = int(seen.markers.min())
+        markers[first] = 0.0
         for _ in range(ROUNDS):
             todo = set(seen.views.tolist())
             while todo:
@@ -349,7 +362,7 @@ class _MarkerLayout:
                     views[view] = self._camera_at(solution, seen, rows, candidates)
                 for marker in np.unique(seen.markers[~known]):
                     self._place_marker(solution, seen, marker, candidates)
-            for marker in range(1, shape[1]):
+            for marker in range(first + 1, shape[1]):
                 self._place_marker(solution, seen, marker, candidates)
         return solution
 
@@ -386,7 +399,9 @@ class _MarkerLayout:
         self, solution: _Solution, seen: _Seen, marker: int,
         candidates: Mapping[int, Sequence[FloatArray]],
     ) -> None:  # fmt: skip
-        """Place a marker where all known cameras see it best, if any does."""
+        """Place a marker where all known cameras see it best, if any does; with a size of its own
+        if that explains it much better.
+        """
         rows = np.flatnonzero((seen.markers == marker) & ~np.isnan(solution.views[seen.views, 0]))
         if not len(rows):
             return
@@ -394,12 +409,42 @@ class _MarkerLayout:
         best, least = solution.markers[marker].copy(), np.inf
         for row in rows[np.unique(np.linspace(0, len(rows) - 1, TRIED).astype(int))]:
             for one in candidates[row]:
-                place = _joined(_inverse(solution.views[seen.views[row]]), one)
-                markers[marker] = [*place, 0.0]
-                cost = self._cost(replace(solution, markers=markers), own)
-                if cost < least:
-                    best, least = markers[marker].copy(), cost
+                back = _inverse(solution.views[seen.views[row]])
+                for size in (1.0, self._size_by_rays(solution, own, back, one[3:])):
+                    place = _joined(back, np.concatenate([one[:3], size * one[3:]]))
+                    markers[marker] = [*place, np.log(size)]
+                    cost = self._cost(replace(solution, markers=markers), own)
+                    cost *= 1.0 if size == 1.0 else OTHER_SIZE_COSTS
+                    if cost < least:
+                        best, least = markers[marker].copy(), cost
         solution.markers[marker] = best
+
+    def _size_by_rays(
+        self, solution: _Solution, own: _Seen, back: FloatArray, centre: FloatArray
+    ) -> float:
+        """Return the side of a marker with which its middle is where all cameras see it; 1 where
+        they do not tell.
+
+        Args:
+            solution: known cameras.
+            own: the marker in these.
+            back: pose (6,), world from camera, of one of them.
+            centre: (3,) of the marker in that camera, if its side is 1.
+        """
+        if len(own.views) < MIN_RAYS:
+            return 1.0
+        turns = _rotations(solution.views[own.views])
+        starts = -np.einsum("nji,nj->ni", turns, solution.views[own.views, 3:])
+        numbers = [solution.cameras[group] for group in self.groups[own.views]]
+        flat = [c.rays(p.mean(axis=0)) for c, p in zip(numbers, own.pixels, strict=True)]
+        rays = np.einsum("nji,nj->ni", turns, np.array(flat))
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        along = cv2.Rodrigues(back[:3])[0] @ centre
+        across = along - (rays @ along)[:, None] * rays
+        if np.sum(across**2) < MIN_PARALLAX**2 * len(rays) * np.sum(along**2):
+            return 1.0
+        size = -float(np.sum(across * (back[3:] - starts)) / np.sum(across**2))
+        return size if 1.0 / LARGEST < size < LARGEST else 1.0
 
     def _residuals(self, solution: _Solution, seen: _Seen) -> FloatArray:
         """(n, 4) px, of corners; nan where camera or marker is not placed."""
@@ -416,11 +461,17 @@ class _MarkerLayout:
         bend = 1.0 + solution.bends[groups][:, None, None] * np.sum(flat**2, axis=2, keepdims=True)
         return flat * bend * numbers[:, None, :2] + numbers[:, None, 2:]
 
-    def _solve(self, solution: _Solution, seen: _Seen) -> _Solution:
-        """Solve for cameras, layout and, unless it is known, focal lengths and lenses at once."""
+    def _solve(
+        self, solution: _Solution, seen: _Seen, of_own_size: NDArray[np.bool_] | None = None,
+        steps: int = MAX_STEPS,
+    ) -> _Solution:  # fmt: skip
+        """Solve for cameras, layout and, unless it is known, focal lengths and lenses at once; then
+        again, with markers that have another size than most free to have it.
+        """
         self.tell(f"solving for {len(np.unique(seen.views))} cameras")
         views, of_view = np.unique(seen.views, return_inverse=True)
         markers, of_marker = np.unique(seen.markers, return_inverse=True)
+        tied = np.ones(len(markers)) if of_own_size is None else ~of_own_size
         is_free = self.pictures.pinhole is None
         of_lens = 2 * len(solution.cameras) if is_free else 0
         of_views = of_lens + 6 * len(views)
@@ -449,7 +500,7 @@ class _MarkerLayout:
         def residuals(values: FloatArray) -> FloatArray:
             now = unpack(values)
             off = (self._shown(now, seen) - seen.pixels).ravel()
-            return np.concatenate([off, now.markers[markers, 6] / SIZE_SPREAD])
+            return np.concatenate([off, now.markers[markers, 6] * tied / SIZE_SPREAD])
 
         rows = np.arange(8 * len(seen.views)).reshape(-1, 8)
         depends = [of_lens + 6 * of_view[:, None] + np.arange(6), columns[of_marker]]
@@ -466,24 +517,35 @@ class _MarkerLayout:
         end = least_squares(
             residuals, np.concatenate([part.ravel() for part in begin]), loss="soft_l1",
             jac_sparsity=coo_matrix((np.ones(len(i)), (i, j)), shape), f_scale=ROBUST_PX,
-            x_scale="jac", max_nfev=MAX_STEPS,
+            x_scale="jac", max_nfev=steps,
         )  # fmt: skip
-        return unpack(end.x)
+        solution = unpack(end.x)
+        other = _is_of_other_size(solution.markers[markers, 6])
+        if of_own_size is None and other.any():
+            return self._solve(solution, seen, other, steps)
+        return solution
 
     def _without_moved(self, solution: _Solution, seen: _Seen) -> tuple[_Solution, _Seen]:
-        """Leave out markers that moved, and say so."""
-        residuals = self._residuals(solution, seen).mean(axis=1)
-        usual = max(float(np.median(residuals)), MOVED_PX / MOVED_TIMES)
-        own = {marker: float(np.median(residuals[seen.markers == marker]))
-               for marker in np.unique(seen.markers)}  # fmt: skip
-        moved = [marker for marker, off in own.items() if off > MOVED_TIMES * usual]
-        if not moved or len(moved) == len(own):
-            return solution, seen
-        for marker in moved:
-            said = f"marker {self.numbers[marker]} did not stay in its place, or was not flat"
-            self.notes.append(f"{said} ({own[marker]:.1f} px); it is not used.")
-        kept = seen.where(~np.isin(seen.markers, moved))
-        return self._solve(solution, kept), kept
+        """Leave out markers without which the others fit better by far, and say so."""
+        while True:
+            markers = np.unique(seen.markers)
+            usual = float(np.median(self._residuals(solution, seen)))
+            if usual < GOOD_PX or len(markers) <= 2:
+                return solution, seen
+            views = np.unique(seen.views)
+            some = seen.where(np.isin(seen.views, views[:: -(-len(views) // GUESSING)]))
+            left = dict[int, float]()
+            for marker in markers[:MAX_ODD].tolist():
+                rest = some.where(some.markers != marker)
+                tried = self._solve(solution, rest, steps=FEW_STEPS)
+                left[marker] = float(np.median(self._residuals(tried, rest)))
+            odd = min(left, key=left.__getitem__)
+            if left[odd] > ODD_SHARE * usual:
+                return solution, seen
+            found = f"marker {self.numbers[odd]} did not stay in its place, or is not flat"
+            self.notes.append(f"{found}; it is not used.")
+            seen = seen.where(seen.markers != odd)
+            solution = self._solve(self._begin(seen), seen)
 
     def _place_rest(self, solution: _Solution, seen: _Seen) -> _Solution:
         """Place the cameras that are not yet, by the layout."""
@@ -506,13 +568,14 @@ class _MarkerLayout:
 
     def _placement(self, solution: _Solution, seen: _Seen, marker_size: float | None) -> Placement:
         pictures, notes = self.pictures, self.notes
-        sides = np.exp(solution.markers[:, 6])
-        usual = float(np.median(sides[np.unique(seen.markers)]))
-        for marker in np.unique(seen.markers):
-            ratio = sides[marker] / usual
-            if max(ratio, 1.0 / ratio) > SIZE_RATIO:
-                said = f"marker {self.numbers[marker]} has {ratio:.2f} times the side of most"
-                notes.append(f"{said}, which `marker_size` is taken for.")
+        markers = np.unique(seen.markers)
+        sizes = solution.markers[markers, 6]
+        other = _is_of_other_size(sizes)
+        usual = float(np.exp(np.mean(sizes[~other])))
+        for marker, size in zip(markers[other], sizes[other], strict=True):
+            ratio = float(np.exp(size)) / usual
+            said = f"marker {self.numbers[marker]} has {ratio:.2f} times the side of most"
+            notes.append(f"{said}, which `marker_size` is taken for.")
         residuals = self._residuals(solution, seen)
         scale = (marker_size or 1.0) / usual
         placed = dict[int, Placed]()
@@ -529,6 +592,12 @@ class _MarkerLayout:
         return Placement(
             placed, pictures.left_out, pictures.sha256s, pictures.focals_px, is_known, tuple(notes)
         )
+
+
+def _is_of_other_size(sizes: FloatArray) -> NDArray[np.bool_]:
+    """Tell which markers have another size than most; ``sizes``: logarithms of their sides."""
+    alike = np.abs(sizes[:, None] - sizes) < np.log(SIZE_RATIO)
+    return ~alike[int(alike.sum(axis=1).argmax())]
 
 
 def _with_focal(camera: Perspective, factor: float) -> Perspective:
