@@ -53,11 +53,8 @@ def find_still_cameras(choice: StillChoice) -> QueuedTask:
                     else:
                         tell(0.0, 0, f"Finding the cameras: {step} ...")
         assert found is not None
-        views = []
-        for index, view in enumerate(found.views):
-            tell(index + 1, len(found.views))
-            views.append(open_calibrated(view, len(found.views)))
-        found = replace(found, views=tuple(views))
+        views = tuple(open_calibrated(view, len(found.views)) for view in found.views)
+        found = replace(found, views=views)
         return TaskResult((stand_still(frames, found),), found.lines)
 
     return QueuedTask(run, WORKING)
