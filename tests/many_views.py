@@ -58,16 +58,16 @@ def views_in(folder: Path, lens: Lens | None = None) -> tuple[View, ...]:
     )
 
 
-def write_two_in_many(folder: Path, unit: str = "m") -> Path:
-    """Write the set and, with both things where they are, a scene file; returns that."""
-    write_many(folder, unit)
+def write_two_in_many(folder: Path, model_unit: str | None = "m") -> Path:
+    """Write the set, in m, and, with both things where they are, a scene file; returns that."""
+    write_many(folder)
     placed = {"ball.ply": WORLD_FROM_BALL, "box.ply": WORLD_FROM_BOX}
     objects = tuple(
         SceneObject(
-            id=str(number), model=model_file(folder / name, unit=unit),
+            id=str(number), model=model_file(folder / name, unit=model_unit),
             world_from_model=Similarity(place),
         )
         for number, (name, place) in enumerate(placed.items(), 1)
     )  # fmt: skip
-    save_scene(folder / "two.scene.json", Scene(views=views_in(folder), objects=objects, unit=unit))
+    save_scene(folder / "two.scene.json", Scene(views=views_in(folder), objects=objects, unit="m"))
     return folder / "two.scene.json"

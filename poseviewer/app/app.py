@@ -18,6 +18,7 @@ from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.document import Document, verdict_of
 from poseviewer.app.state.edits import (
     AskNumbers,
+    AskStill,
     Edit,
     ReviewRow,
     SavePose,
@@ -154,13 +155,15 @@ class App:
                     self._show_work(request.working, ENDS)
             case TaskProgress(working, pace):
                 if self._tasks.busy:
-                    self._show_work(working, f"{pace_text(pace)}\n{ENDS}")
+                    self._show_work(working, f"{pace_text(pace)}\n{ENDS}".strip())
             case SavePose(on_taken, then):
                 self._save(on_taken)
                 if then is not None:
                     self._handle(then)
             case ShowHelp(client):
                 self._page.show_help(client)
+            case AskStill(client):
+                self._page.ask_still(client)
             case AskNumbers(what, client):
                 self._page.ask_numbers(what, client)
             case ReviewRow() if self._review is not None:

@@ -73,18 +73,13 @@ def load_views(path: str | Path, choice: SetChoice | None = None) -> LoadedViews
             notes: list[str] = []
             shown = as_shown(unread, unread.file.location, notes) if is_of_stored else unread
             s.check_camera(file, shown.camera)
-            is_of_many = len(chosen) > MANY_VIEWS
-            view = (open_view_at_rest if is_of_many else open_view)(shown)[0]
+            view = open_calibrated(shown, len(chosen), notes)
             if other := names.get(view.file.sha256):  # before the next: a list may name one often
                 found = f"{other} and {view.name} are one photo twice"
                 wanted = "a set has each photo once, leave one of them out"
                 raise file.error(found, wanted)
             names[view.file.sha256] = view.name
-            read = partial(_read_calibrated, view, notes)
-            of_set = (
-                replace(view.file, read=read) if is_of_many else PhotoFile.of(read(), view.path)
-            )
-            views.append(replace(view, file=of_set))
+            views.append(view)
         for wanted in choice.photos:
             if not any(_is_chosen(str(view.path), [wanted]) for view in views):
                 raise file.error(f"it has no photo {wanted}", "choose others with `photos`")
@@ -92,6 +87,17 @@ def load_views(path: str | Path, choice: SetChoice | None = None) -> LoadedViews
             found = f"{len(views)} photo{'' if len(views) == 1 else 's'}"
             raise file.error(found, "a set has two or more; open one photo alone")
         return LoadedViews(path.resolve().name, with_names(views), unit, scale)
+
+
+def open_calibrated(view: View, count: int, notes: Sequence[str] = ()) -> View:
+    """Read the photo of one of ``count`` views whose cameras are known; of many, when it is asked
+    for.
+    """
+    is_of_many = count > MANY_VIEWS
+    view = (open_view_at_rest if is_of_many else open_view)(view)[0]
+    read = partial(_read_calibrated, view, notes)
+    file = replace(view.file, read=read) if is_of_many else PhotoFile.of(read(), view.path)
+    return replace(view, file=file)
 
 
 def _read_calibrated(view: View, notes: Sequence[str]) -> Photo:

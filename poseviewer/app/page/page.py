@@ -27,6 +27,7 @@ from poseviewer.app.state.hiding import SHAPES
 from poseviewer.app.state.keys_and_buttons import client_keys, help_table
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import OF_FRAMES
+from poseviewer.app.workers.finding_cameras import StillChoice, find_still_cameras
 from poseviewer.app.workers.tasks import (
     LongVideo,
     Request,
@@ -38,6 +39,7 @@ from poseviewer.app.workers.tasks import (
 from poseviewer.errors import REPORTING, PoseViewerError
 from poseviewer.files.formats.bop import likely_numbers, object_numbers
 from poseviewer.files.formats.conversion import ConvertOptions
+from poseviewer.files.mesh.size import METRES
 from poseviewer.files.state.session_file import AutosavedSession
 from poseviewer.opening.sources import MAX_FILES
 from poseviewer.opening.uploads import MAX_UPLOAD_BYTES
@@ -54,6 +56,17 @@ NOTICE_S = 6.0
 """Seconds after which a notice goes: it lies over the photo."""
 MAX_NUMBER = 10**15
 """Largest number of an image or object that a field takes: browsers hold such numbers exactly."""
+STILL_WAYS = {
+    "markers if there are any, else features": "auto",
+    "features of the scene": "features",
+    "markers (ArUco, AprilTag)": "markers",
+}
+"""Ways to find the cameras of a scene that stands still."""
+STILL_TEXT = (
+    "Nothing moves but the camera. Where it stood in each frame is found from the pictures; then "
+    "an object that is placed in one frame is placed in all. Undo brings the sequence back."
+)
+SIDE_HINT = "Side of a marker's black square, which says the scale; 0: not known"
 PAGE_CONFIG = {
     "plane": {"depth": DEPTH, "side": SIDE},
     "steps": list(STEPS),
@@ -290,6 +303,32 @@ class Page:
                 without.on_click(lambda _: answer(unsaved.open))
                 close = tab.gui.add_button("Close", color="gray")
                 close.on_click(lambda _, modal=modal: close_modal(modal))
+
+    def ask_still(self, client: int) -> None:
+        """Ask on a page how the cameras of a scene that stands still are found, then find them."""
+        tab, document = self._server.get_clients().get(client), self._controls.session.document
+        if tab is None or not document.scene.frames:
+            return
+        ways: dict[str, Any] = dict(STILL_WAYS)
+        posed = sum(document.object.id in frame.poses for frame in document.scene.frames)
+        if posed > 1:
+            ways[f"{label_of(document.object)}, placed in {posed:,} frames"] = "object"
+        with tab.gui.add_modal("It stands still") as modal:
+            tab.gui.add_markdown(STILL_TEXT)
+            # A dropdown that comes first would open, as the dialog does.
+            side = tab.gui.add_number("Markers' side", 0.0, min=0.0, step=0.0001, hint=SIDE_HINT)
+            unit = tab.gui.add_dropdown("in", tuple(METRES), initial_value="m")
+            way = tab.gui.add_dropdown("Cameras by", tuple(ways))
+
+            def find(_: viser.GuiEvent) -> None:
+                close_modal(modal)
+                by, has_size = ways[way.value], side.value > 0.0
+                has_size = has_size and by in ("auto", "markers")
+                known = {"marker_size": side.value, "unit": unit.value} if has_size else {}
+                self._post(find_still_cameras(StillChoice(by, **known)))
+
+            tab.gui.add_button("Find the cameras", color="cyan").on_click(find)
+            tab.gui.add_button("Close", color="gray").on_click(lambda _: close_modal(modal))
 
     def offer(self, offer: AutosavedSession) -> None:
         """Offer above the steps, where it interrupts nothing, what an earlier session left."""

@@ -1,7 +1,7 @@
 """Requests of mouse and keys, from the reports of the page's script."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from inspect import signature
 from operator import or_
@@ -12,6 +12,7 @@ import numpy as np
 
 from poseviewer.app.state import objects as o
 from poseviewer.app.state.edits import (
+    AskStill,
     Edit,
     Px,
     ReviewRow,
@@ -119,6 +120,7 @@ MEANINGS: Mapping[str, Callable[..., Meaning]] = {
     "compare photo": o.compare_view,
     "frame": go_to_frame,
     "frames": edit_frames,
+    "still": AskStill,
     "row": ReviewRow,
     "theme": Theme,
     "unfit": why_unfit,
@@ -150,7 +152,7 @@ def meaning_of(report: object, client: int = 0) -> Meaning:
     except (TypeError, ValueError, RecursionError, msgspec.MsgspecError):
         return None  # not from our script: nothing to do, and nobody to tell
     meaning = FORMS[type(form)](**msgspec.structs.asdict(form))
-    return ShowHelp(client) if isinstance(meaning, ShowHelp) else meaning
+    return replace(meaning, client=client) if isinstance(meaning, ShowHelp | AskStill) else meaning
 
 
 def newest_drags(requests: list[T]) -> list[T]:

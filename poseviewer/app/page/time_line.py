@@ -41,6 +41,11 @@ BUTTONS: dict[FrameCommand, tuple[str, str]] = {
     "remove key": ("remove key", "Remove this object's pose in this frame"),
 }
 """Text and tooltip of each button."""
+STILL = (
+    "it stands still ...",
+    "Nothing moves but the camera: find where it stood in each frame; then each object is placed "
+    "once for all",
+)
 LEAVE_OUT = "leave out", "Do not compare this photo with the model"
 TAKE_IN = "compare", "Compare this photo with the model again"
 WHOSE = "Whose poses go to start and to end: press to choose all objects, or the picked one alone"
@@ -67,6 +72,7 @@ def time_line(session: Session) -> str:
     graph = _motion_graph(session, box) if session.display.motion_graph else None
     line = h.svg(".pv-frames", box)[_segments(scene.frames, object_id), at]
     buttons = [_button(what, *own) for what, own in BUTTONS.items()]
+    buttons.append(h.button(on_press("still"), type="button", title=STILL[1])[STILL[0]])
     if len(scene.objects) > 1:
         is_alone = session.display.propagates_alone
         whose = f"of {label_of(document.object)}" if is_alone else "of all objects"

@@ -71,6 +71,13 @@ class AskNumbers:
 
 
 @dataclass(frozen=True, slots=True)
+class AskStill:
+    """Request to ask on one page how the cameras of a scene that stands still are found."""
+
+    client: int = -1
+
+
+@dataclass(frozen=True, slots=True)
 class ReviewRow:
     """Request to open a row of a review, or to decide on the row that is open."""
 

@@ -188,6 +188,7 @@ GESTURES = {
     "A, X, N, P": "In a review: accept, reject, next, previous",
     "left right, comma period": "In a sequence: the frame before, the next one; with shift ten",
     "up down, [ ]": "In a sequence: the key before, the next one; with shift ten",
+    "comma period": "Of many photos: the one before, the next one; with shift ten",
 }
 """Rows of the help dialog for gestures of the mouse, and for keys that share a row."""
 

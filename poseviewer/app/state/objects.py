@@ -45,6 +45,7 @@ def with_added(document: Document, model: ModelFile) -> Document:
     """
     if len(document.scene.objects) >= MAX_OBJECTS:
         raise SettingsError(f"{MAX_OBJECTS} objects are the most in one scene; remove one first")
+    document = _with_scale_found(document)
     like, unit = document.object, model.unit
     if unit and like.model.unit not in (None, unit):
         raise SettingsError(
@@ -66,6 +67,14 @@ def with_added(document: Document, model: ModelFile) -> Document:
     )
     scene, states = replace(document.scene, objects=(*objects, added)), document.states
     return replace(document, scene=scene, states=(*states, ObjectState()), active=len(objects))
+
+
+def _with_scale_found(document: Document) -> Document:
+    """The document whose scale, searched for until then, is that at which the object was found."""
+    verdict = document.object.result and document.object.result.verdict
+    if not document.scene.free_scale or verdict is None or verdict.label == "lost":
+        return document
+    return replace(document, scene=replace(document.scene, free_scale=False))
 
 
 @edit

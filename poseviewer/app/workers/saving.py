@@ -147,7 +147,7 @@ class Autosaver:
         """Path beside the photo, or beside the folder of a sequence; in the working directory for
         uploads and the demo, and where nothing can be written there.
         """
-        view, is_sequence = pose_file_view(document), bool(document.scene.frames)
+        view, is_sequence = pose_file_view(document), bool(document.stepped)
         kind = "pose" if is_alone(document) else "scene"
         name = f"{stem_of(document, view, is_sequence)}.{kind}.json"
         photo = document.scene.views[view].path

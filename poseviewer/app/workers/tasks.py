@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.edits import (
     AskNumbers,
+    AskStill,
     Edit,
     ReviewRow,
     SavePose,
@@ -99,8 +100,9 @@ class TaskProgress:
     pace: Pace
 
 
-Tell = Callable[[float, int], object]
-"""Is given the number of frames that are done, and that of all; raises where the task is dropped.
+Tell = Callable[..., object]
+"""Is given the number of frames that are done, and that of all, and maybe another sentence on the
+page; raises where the task is dropped.
 """
 
 
@@ -125,7 +127,7 @@ class Restore:
     wanted: bool
 
 
-Request = Edit | QueuedTask | SavePose | ShowHelp | AskNumbers | ReviewRow | Restore
+Request = Edit | QueuedTask | SavePose | ShowHelp | AskNumbers | AskStill | ReviewRow | Restore
 """Request of a page to the main loop."""
 
 
@@ -137,14 +139,14 @@ class TaskQueue(Worker[tuple[QueuedTask, Session], TaskResult]):
             task, session = request
             began, told = time.monotonic(), 0.0
 
-            def tell(done: float, total: int) -> None:
+            def tell(done: float, total: int, working: str = task.working) -> None:
                 nonlocal told
                 self.require_current(request)
                 now = time.monotonic()
                 if now > told + TELL_S:
                     told = now
                     pace = Pace(done, total, now - began)
-                    self.mailbox.publish(task, TaskProgress(task.working, pace))
+                    self.mailbox.publish(task, TaskProgress(working, pace))
                     self.mailbox.notify()
 
             yield task.run(session, state, tell)

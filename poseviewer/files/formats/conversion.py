@@ -97,6 +97,10 @@ class ConvertOptions:
             PoseFileError: that is unknown.
         """
         own = self.unit_of(scene)
+        if own is None and scene.unit in METRES and not scene.free_scale and scene.objects:
+            # What several cameras say of their world.
+            length = scene.objects[0].world_from_model.scale * metres_per_unit(scene.unit)
+            return length / metres_per_unit(unit)
         if own is None:
             found = f"{tool} wants {unit}, and the model's unit is not known"
             raise PoseFileError(f"{found}; say it with `unit`.")

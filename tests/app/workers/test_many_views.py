@@ -12,7 +12,7 @@ import pytest
 from poseviewer.app.page.time_line import time_line
 from poseviewer.app.state.edits import Edit
 from poseviewer.app.state.frame_edits import go_to_frame, step_frame
-from poseviewer.app.state.objects import compare_view
+from poseviewer.app.state.objects import compare_view, set_unit
 from poseviewer.app.state.results import LossReading, Results
 from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import export
@@ -172,8 +172,10 @@ def test_many_views_are_saved_and_restored(session: Session, tmp_path: Path):
 
 @pytest.mark.parametrize("several", [True, False])
 def test_bop_has_every_object_in_every_photo_and_is_read_again(session, tmp_path, several):
-    if not several:
-        session = replace(session, document=session.document.without(1))
+    document = session.document
+    if not several:  # nor do the models say their unit, which the set does
+        document = set_unit(None)(session).document.without(1)
+    session = replace(session, document=document)
     drawn = list[tuple[float, int]]()
     numbers = ConvertOptions(object_ids=(3, 8)[: 1 + several])
     files = export("bop", session, numbers=numbers, tell=lambda *of: drawn.append(of))
