@@ -13,7 +13,6 @@ from poseviewer.cli import options as table
 from poseviewer.cli.case import calibration_of, load_named_sequence
 from poseviewer.cli.terminal import progress_bar, say, tell
 from poseviewer.errors import PoseFileError, SettingsError
-from poseviewer.files.mesh.size import METRES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,7 +28,9 @@ OF_MARKERS = (
         "--marker-size LENGTHS",
         "set the side of the markers' black squares, in the units of --unit (default: unknown)",
     ),
-    table.option("--unit", "set the unit of --marker-size (default: the model's)", tuple(METRES)),
+    table.option(
+        "--unit NAME", "set the unit of --marker-size, such as m or mm (default: the model's)"
+    ),
 )
 OPTIONS = {
     "": (
@@ -94,9 +95,12 @@ def _of_object(options: Namespace) -> StillCameras:
 
 def _of_pictures(options: Namespace) -> StillCameras:
     from poseviewer.files.image_sequence import images_in
+    from poseviewer.files.mesh.size import METRES
     from poseviewer.still.still_cameras import StillCameras, find_cameras
 
     table.refuse(options, (table.OBJECT,), "without a sequence; leave it out, or name a SEQUENCE")
+    if options.unit not in (None, *METRES):
+        raise SettingsError(f"--unit {options.unit}: wanted one of {', '.join(METRES)}.")
     path: Path = options.clip
     if path.is_dir():
         pictures: list[Path] | ImageSequence = images_in(path)[:: options.every or 1]

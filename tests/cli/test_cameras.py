@@ -104,6 +104,7 @@ def test_what_cannot_be_is_refused_in_a_sentence(pictures, tmp_path, capsys):
     assert "1 picture; wanted two" in refused(tmp_path)
     assert "--by object" in refused(pictures, "--by", "object")
     assert "--object" in refused(pictures, "--object", "a")
+    assert "--unit yd: wanted one of km, m" in refused(pictures, "--unit", "yd")
     assert "without the markers' size" in refused(pictures, "--unit", "m")
     assert "markers with features" in refused(pictures, "--by", "features", "--marker-size", 1)
     assert not (tmp_path / "set" / "set.json").exists()
