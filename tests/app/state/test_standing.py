@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 
 from poseviewer.app.state.document import Document
@@ -19,6 +20,8 @@ from poseviewer.app.workers.finding_cameras import (
 )
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import QuickStartError
+from poseviewer.files.cameras import Calibration
+from poseviewer.files.image_sequence import load_sequence
 from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform
@@ -26,9 +29,9 @@ from poseviewer.scene.assets import ModelFile
 from poseviewer.scene.sequence import with_frames
 from poseviewer.scene.types import SearchResult, View
 from poseviewer.still.still_cameras import StillCameras
-from tests.app.sequences import CAMERA, COUNT, MESH, make_sequence, true_pose
+from tests.app.sequences import CAMERA, COUNT, MESH, make_sequence, true_pose, write_sequence
 from tests.app.state import edits as c
-from tests.app.state.documents import after, refused
+from tests.app.state.documents import after, open_files, refused
 from tests.meshes import make_box
 
 BOX = make_box((1.0, 1.5, 0.8))
@@ -223,3 +226,18 @@ def test_an_object_that_was_followed_gives_the_cameras(tmp_path: Path):
     assert max(off_px(now, view) for view in range(COUNT)) < 1e-6
     with pytest.raises(QuickStartError, match="open one first"):
         task.run(replace(session, document=now), tmp_path, lambda *_: None)
+
+
+@pytest.mark.slow
+def test_a_search_for_cameras_that_is_stopped_ends_its_process(tmp_path: Path):
+    frames, model, camera, start = write_sequence(tmp_path)
+    document = open_files(load_sequence(frames), model, start, Calibration(camera))
+
+    def stop(*_: object) -> None:
+        raise QuickStartError("stopped")
+
+    task, own = find_still_cameras(StillChoice()), psutil.Process()
+    before = own.children(recursive=True)
+    with pytest.raises(QuickStartError, match="stopped"):
+        task.run(Session(document), tmp_path, stop)
+    assert own.children(recursive=True) == before
