@@ -39,7 +39,9 @@ CHOSEN = 40
 MAX_STEP = 25
 """Largest step between chosen pictures: a second of a film, in which things stay in sight."""
 NEIGHBOURS = 10
-"""Chosen pictures, before and after, that each is matched with."""
+"""Chosen frames, before and after, that each is matched with."""
+SPREAD = 20
+"""Chosen frames, about, that are matched each with each: a film may come back."""
 LONGEST_PX = 1600
 """Longer side at which features are looked for: finer ones seldom match."""
 MAX_FEATURES = 4000
@@ -67,6 +69,10 @@ MIN_PARALLAX = 0.005
 """Motion of points, in the picture's longer side, that a turn leaves unexplained, at least."""
 MIN_ANGLE_DEG = 3.0
 """Median angle between the viewing rays of a point below which nothing tells depth."""
+MAX_ZOOM = 1.05
+"""Ratio of the focal lengths of single pictures from which they may have been zoomed."""
+ROUGH_PX = 0.3
+"""Median residual of pictures that do not quite fit together, px."""
 NO_PYCOLMAP = (
     "cameras by features need pycolmap; pip install 'poseviewer[cameras]', or use markers."
 )
@@ -119,12 +125,15 @@ def place_by_features(
         raise SettingsError(_too_few(pictures, len(chosen)))
     database = folder / "features.db"
     numbers = _write_features(database, pictures, features)
-    _match(tell, database, folder / "pairs.txt", [*features])
+    pairs = _pairs([*features], is_whole=len(paths) <= MAX_WHOLE)
+    _match(tell, database, folder / "pairs.txt", pairs)
     tell("comparing motions")
     _refuse_turns(database, pictures, features, numbers)
     model, others = _reconstruct(tell, database, folder, pictures, numbers)
     solved = _Solved(pictures, model, numbers)
-    rest = [index for index in range(len(paths)) if index not in {*chosen}]
+    rest = sorted({*range(len(paths))} - {*chosen})
+    for index in features.keys() - solved.placed.keys():
+        solved.place(index, features[index], features)
     for count, index in enumerate(rest):
         tell(f"placed {count + 1} of the {len(rest)} between")
         found = _features_in(pictures, index)
@@ -209,9 +218,9 @@ def _write_features(
     return numbers
 
 
-def _pairs(indices: Sequence[int]) -> list[tuple[int, int]]:
-    """Pairs of pictures to match: neighbours, and of up to ``MAX_WHOLE`` spread ones all."""
-    step = -(-len(indices) // MAX_WHOLE)
+def _pairs(indices: Sequence[int], is_whole: bool) -> list[tuple[int, int]]:
+    """Pairs of pictures to match: all, or of frames neighbours, and some that are evenly spread."""
+    step = 1 if is_whole else -(-len(indices) // SPREAD)
     return [
         (indices[a], indices[b])
         for a, b in combinations(range(len(indices)), 2)
@@ -219,10 +228,9 @@ def _pairs(indices: Sequence[int]) -> list[tuple[int, int]]:
     ]
 
 
-def _match(tell: Tell, database: Path, file: Path, indices: Sequence[int]) -> None:
+def _match(tell: Tell, database: Path, file: Path, pairs: Sequence[tuple[int, int]]) -> None:
     import pycolmap
 
-    pairs = _pairs(indices)
     matching = pycolmap.FeatureMatchingOptions()
     matching.use_gpu = False
     geometry = pycolmap.TwoViewGeometryOptions()
@@ -254,7 +262,7 @@ def _refuse_turns(
         matches = np.asarray(geometry.inlier_matches, int)
         if len(matches) >= FEW_FEATURES:
             pair = [index_of[one] for one in pycolmap.pair_id_to_image_pair(number)]
-            camera = pictures.cameras[pictures.camera_of[pair[0]]]
+            camera = pictures.pinhole or pictures.cameras[pictures.camera_of[pair[0]]]
             middle = np.array([camera.cx, camera.cy], np.float32)
             side = max(camera.width, camera.height)
             a, b = (features[i].at[matches[:, k]] - middle for k, i in enumerate(pair))
@@ -263,12 +271,11 @@ def _refuse_turns(
         return
     known = pictures.pinhole
     focals = FOCALS if known is None else (known.fx / max(known.width, known.height),)
-    off = min(max(_off_turn(a, b, focal) for a, b in pairs) for focal in focals)
+    # Few pairs may be of wrong matches, which nothing explains.
+    off = min(np.percentile([_off_turn(a, b, focal) for a, b in pairs], 90) for focal in focals)
     if off < MIN_PARALLAX:
-        found = (
-            f"A camera that only turns explains the pictures up to {100.0 * off:.2f} % of a side"
-        )
-        raise SettingsError(f"{found}: {NO_MOTION}")
+        found = f"A camera that only turns explains all but {100.0 * off:.2f} % of a side"
+        raise SettingsError(f"{found} of the pictures' motion: {NO_MOTION}")
 
 
 def _off_turn(a: NDArray[Any], b: NDArray[Any], focal: float) -> float:
@@ -341,6 +348,8 @@ class _Solved:
         self.points = dict[int, tuple[NDArray[np.intp], FloatArray]]()
         """By picture: indices of the features that are points, and the points (n, 3)."""
         self.placed = dict[int, Placed]()
+        self.zooms = list[float]()
+        """Focal lengths by which single pictures fit best, in that of all."""
         where = {number: point.xyz for number, point in model.points3D.items()}
         for image in _images(model):
             index = int(image.name)
@@ -352,6 +361,8 @@ class _Solved:
             pose = image.cam_from_world()
             residuals = _residuals(model.camera(image.camera_id), pose, points, pixels)
             self._add(index, image.camera_id, pose, float(np.median(residuals)))
+            if pictures.pinhole is None and len(points) >= MIN_INLIERS:
+                self.zooms.append(_zoom(model.camera(image.camera_id), pose, points, pixels))
         self.numbers = {index: int(number) for index, number in numbers.items()}
         angle = self._angle_deg()
         if angle < MIN_ANGLE_DEG:
@@ -443,6 +454,11 @@ class _Solved:
         left_out, notes = self.pictures.left_out, list[str]()
         if len(self.numbers) == MIN_PICTURES and self.pictures.pinhole is None:
             notes.append("The focal length is assumed: two pictures do not tell it; take more.")
+        residual = float(np.median([own.residual_px for own in self.placed.values()]))
+        if self.zooms and max(self.zooms) > MAX_ZOOM * min(self.zooms) and residual > ROUGH_PX:
+            found = f"from {min(self.zooms):.2f} to {max(self.zooms):.2f} times"
+            why = f"Single pictures fit best with {found} the focal length of all"
+            notes.append(f"{why}: were they zoomed? Then their cameras are wrong.")
         for group in others:
             own = [index for index in group if index not in self.placed]
             names = [self.pictures.paths[index].name for index in own]
@@ -461,6 +477,18 @@ class _Solved:
             self.pictures.focals_px,
             notes=tuple(notes),
         )
+
+
+def _zoom(camera: Any, pose: Any, points: FloatArray, pixels: FloatArray) -> float:
+    """Return the focal length by which a picture fits best, in its camera's."""
+    import pycolmap
+
+    free = pycolmap.Camera(camera.todict())
+    options = pycolmap.AbsolutePoseRefinementOptions()
+    options.refine_focal_length = True
+    inside = np.ones(len(points), bool)
+    answer = pycolmap.refine_absolute_pose(pose, pixels, points, inside, free, options)
+    return float(free.focal_length_x / camera.focal_length_x) if answer else 1.0
 
 
 def _residuals(camera: Any, pose: Any, points: FloatArray, pixels: FloatArray) -> FloatArray:

@@ -575,7 +575,7 @@ class _MarkerLayout:
         for marker, size in zip(markers[other], sizes[other], strict=True):
             ratio = float(np.exp(size)) / usual
             said = f"marker {self.numbers[marker]} has {ratio:.2f} times the side of most"
-            notes.append(f"{said}, which `marker_size` is taken for.")
+            notes.append(f"{said}, which the given size is taken for.")
         residuals = self._residuals(solution, seen)
         scale = (marker_size or 1.0) / usual
         placed = dict[int, Placed]()

@@ -132,9 +132,9 @@ def find_cameras(
         count = f"{len(paths)} picture{'' if len(paths) == 1 else 's'}"
         raise SettingsError(f"{count}; wanted two or more of one scene.")
     if by == "features" and marker_size is not None:
-        raise SettingsError("`marker_size` with `by=features`, which use no markers; leave it out.")
+        raise SettingsError("a size of markers with features, which need none; leave it out.")
     if unit is not None and marker_size is None:
-        raise SettingsError("`unit` without `marker_size`, whose unit it is; give both.")
+        raise SettingsError("a unit without the markers' size, which it is of; give both.")
     with TemporaryDirectory(prefix="poseviewer-") as folder:
         given = paths, by, camera, marker_size, Path(folder)
         try:
@@ -160,8 +160,8 @@ def place_pictures(
         if by == "auto" and share < MIN_SHARE:
             family = ""
     if by == "auto" and not family and marker_size is not None:
-        found = "too few pictures show two markers or more"
-        raise SettingsError(f"`marker_size`: {found}; leave it out, or give `by=markers`.")
+        found = "a size of markers is given, and too few pictures show two markers or more"
+        raise SettingsError(f"{found}; leave it out, or choose markers.")
     if family:
         return FoundCameras("markers", place_by_markers(tell, paths, camera, family, marker_size))
     return FoundCameras("features", place_by_features(tell, paths, camera, folder))

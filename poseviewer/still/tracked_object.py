@@ -25,11 +25,11 @@ def cameras_of_object(sequence: Path | Scene, object_id: str | None = None) -> S
     scene = sequence if isinstance(sequence, Scene) else load_scene(sequence)
     ids = [item.id for item in scene.objects]
     if not scene.frames:
-        wanted = "wanted a sequence, as `poseviewer track` writes it"
+        wanted = "wanted a sequence with the poses of an object"
         raise PoseFileError(f"{scene.name}: it has no frames; {wanted}.")
     if object_id is None and len(ids) != 1:
         found = f"{len(ids)} objects, {list_names(ids)}"
-        raise PoseFileError(f"{scene.name}: {found}; say with `object` which of them stands still.")
+        raise PoseFileError(f"{scene.name}: {found}; name the one that stands still.")
     chosen = ids[0] if object_id is None else object_id
     item = scene.objects[scene.index(chosen)]
     view, views, left_out = scene.views[0], [], dict[str, str]()

@@ -84,7 +84,7 @@ def test_an_object_that_was_followed_gives_the_cameras(tmp_path, capsys):
     scene = sequence({0: [ball(0), box(0)], 2: [ball(2), box(2)]}, drawn=(ball, box), count=4)
     path = write_sequence(tmp_path, scene)
     words = "cameras", path, "--by", "object", "--out", tmp_path / "set"
-    assert "--object" in refusal(capsys, *words)
+    assert "2 objects, a, b; name the one" in refusal(capsys, *words)
     assert run(*words, "--object", "a") == 0
     said = capsys.readouterr().out
     assert "2 of 4 pictures have cameras, by object" in said
@@ -104,6 +104,6 @@ def test_what_cannot_be_is_refused_in_a_sentence(pictures, tmp_path, capsys):
     assert "1 picture; wanted two" in refused(tmp_path)
     assert "--by object" in refused(pictures, "--by", "object")
     assert "--object" in refused(pictures, "--object", "a")
-    assert "--marker-size" in refused(pictures, "--unit", "m")
-    assert "--marker-size" in refused(pictures, "--by", "features", "--marker-size", 1)
+    assert "without the markers' size" in refused(pictures, "--unit", "m")
+    assert "markers with features" in refused(pictures, "--by", "features", "--marker-size", 1)
     assert not (tmp_path / "set" / "set.json").exists()

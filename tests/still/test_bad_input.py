@@ -7,6 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
+from PIL.ExifTags import IFD, Base
 
 from poseviewer.errors import SettingsError
 from poseviewer.geometry.camera import Perspective
@@ -125,6 +127,33 @@ def test_pictures_of_two_sizes_have_a_camera_each(tmp_path):
     found = place([*paths[:3], *others[3:]], "features", tmp_path / "again")
     assert set(found.left_out) == {3, 4, 5}
     assert "400x320 px, and the camera is for 320x240" in found.left_out[3]
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_pictures_of_several_zooms_have_a_camera_each_by_exif_and_are_doubted_without(tmp_path):
+    near = Perspective(450.0, 450.0, 160.0, 120.0, 320, 240)
+    paths, others = (
+        write_pictures(tmp_path / name, ARC, camera=camera)
+        for name, camera in (("far", CAMERA), ("near", near))
+    )
+    mixed = [others[i] if i % 3 == 0 else paths[i] for i in range(len(ARC))]
+    notes = " ".join(place(mixed, "features", tmp_path, None).notes)
+    assert "were they zoomed?" in notes
+    for own, camera in ((paths, CAMERA), (others, near)):
+        for path in own:
+            exif = Image.Exif()
+            focal = camera.fx / np.hypot(320, 240) * np.hypot(36.0, 24.0)
+            exif[IFD.Exif] = {Base.FocalLengthIn35mmFilm: round(focal)}
+            with Image.open(path) as picture:
+                picture.save(path, exif=exif)
+    (tmp_path / "again").mkdir()
+    found = place(mixed, "features", tmp_path / "again", None)
+    assert off(found)[0] < 0.2
+    assert not found.notes
+    focals = [round(found.placed[i].camera.fx, -1) for i in range(len(ARC))]
+    assert focals == [450.0, 300.0, 300.0, 450.0, 300.0, 300.0]
+    assert len(set(found.focals_px.values())) == 2
 
 
 @pytest.mark.slow
