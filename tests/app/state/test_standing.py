@@ -10,7 +10,7 @@ import pytest
 
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.edits import undo
-from poseviewer.app.state.objects import add_object
+from poseviewer.app.state.objects import add_object, set_unit
 from poseviewer.app.state.session import Session
 from poseviewer.app.state.standing import stand_still
 from poseviewer.app.workers.finding_cameras import (
@@ -91,11 +91,7 @@ def test_an_object_of_one_frame_is_in_all_where_the_scale_is_known():
 
 def test_a_scale_in_another_unit_is_the_units():
     session = keyed()
-    item = session.document.object
-    document = session.document.with_object(model=replace(item.model.with_content(), unit="m"))
-    mesh = replace(document.mesh, unit="m")
-    document = document.with_object(model=ModelFile.of(mesh, name="m.ply"))
-    session = Session(document).with_document(document.at_pose(true_pose(0)))
+    session = after(session, set_unit("m"))
     found = cameras(session.document, is_scale_known=True, unit="cm")
     views = []
     for index, view in enumerate(found.views):
@@ -104,6 +100,7 @@ def test_a_scale_in_another_unit_is_the_units():
         views.append(replace(view, camera_from_world=place))
     now = still(session, replace(found, views=tuple(views)))
     assert now.document.object.world_from_model.scale == pytest.approx(100.0)
+    assert not any("says no unit" in note for note in now.document.scene.notes)
     assert max(off_px(now.document, view) for view in range(COUNT)) < 1e-6
 
 
@@ -127,6 +124,7 @@ def test_of_several_objects_one_tells_the_scale_and_the_others_are_named():
     assert "m.ply left out; search for box.ply" in note
     both = still(session, replace(found, is_scale_known=True, unit="m")).document
     assert [item.is_placed for item in both.scene.objects] == [True, True]
+    assert any("box.ply says no unit: m is taken" in note for note in both.scene.notes)
     ((x, y),) = both.scene.pose(1, 0).project(BOX.centre[None])
     assert (x, y) == pytest.approx((60.0, 60.0))
 
