@@ -317,7 +317,7 @@ def _open_views(sources: Sources, views: Path | LoadedViews) -> Scene:
         wanted = "give the set that lens, or start from a pose by the set's camera"
         raise SettingsError(f"{photo.name}: {found}; {wanted}.")
     _, record, of_camera = _match_start(photo, record)
-    known = choice.scale or known_scale(loaded, mesh)
+    known = choice.scale or known_scale(loaded, mesh.unit)
     scale = known or scale_by_rays(loaded.views, first, mesh, record.pose, loaded.name)
     order = (first, *(i for i in range(len(loaded.views)) if i != first))
     ordered = tuple(loaded.views[i] for i in order)
@@ -335,14 +335,14 @@ def _open_views(sources: Sources, views: Path | LoadedViews) -> Scene:
     )  # fmt: skip
 
 
-def known_scale(views: LoadedViews, mesh: Mesh) -> float | None:
+def known_scale(views: LoadedViews, model_unit: str | None) -> float | None:
     """Return lengths of the model's unit in one of the world's, or None if these are not said."""
     unit = views.unit
     if views.scale is not None or unit is None:
         return views.scale
-    if mesh.unit is None or mesh.unit == unit:
+    if model_unit is None or model_unit == unit:
         return 1.0
-    return METRES[unit] / METRES[mesh.unit] if {unit, mesh.unit} <= set(METRES) else None
+    return METRES[unit] / METRES[model_unit] if {unit, model_unit} <= set(METRES) else None
 
 
 def scale_by_rays(views: Sequence[View], index: int, mesh: Mesh, pose: Pose, name: str) -> float:

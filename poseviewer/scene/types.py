@@ -372,14 +372,6 @@ class Scene:
         rigid = replace(rigid, translation=rigid.translation / frame.scale)
         return Similarity(rigid, own.scale / frame.scale)
 
-    def at_view(self, view_index: int) -> Scene:
-        """Return the scene of one view alone, without results of searches in others."""
-        own, objects = slice(view_index, view_index + 1), list[SceneObject]()
-        for item in self.objects:
-            of_view = {"in_views": item.in_views[own], "start_cameras": item.start_cameras[own]}
-            objects.append(replace(item, result=None, **of_view))
-        return replace(self, views=self.views[own], objects=tuple(objects))
-
     def in_view(self, object_index: int, view_index: int = 0) -> InView:
         """Return the settings of an object in a view alone."""
         own = self.objects[object_index].in_views

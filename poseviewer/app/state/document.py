@@ -28,7 +28,15 @@ from poseviewer.render.renderers import RendererName
 from poseviewer.scene.assets import ModelFile, PhotoFile
 from poseviewer.scene.sequence import show_frame
 from poseviewer.scene.settings import FitSettings
-from poseviewer.scene.types import Frame, InView, Scene, SceneObject, SearchResult, View
+from poseviewer.scene.types import (
+    MANY_VIEWS,
+    Frame,
+    InView,
+    Scene,
+    SceneObject,
+    SearchResult,
+    View,
+)
 from poseviewer.vehicle.chart import VehicleChart
 from poseviewer.vehicle.wheel_pose import MIN_RIM_POINTS, Ellipse, ellipse_through
 
@@ -556,9 +564,30 @@ def in_view_alone(scene: Scene, object_index: int, view_index: int) -> Scene:
     """
     if not scene.has_many_views:
         return scene
+    return _comparing(replace(scene, free_scale=False), object_index, [view_index])
+
+
+def in_few_views(scene: Scene, object_index: int) -> Scene:
+    """The scene of many views in which as many as a strip shows, spread over those that show an
+    object, are compared with it, and read for this alone; a scene of few as it is.
+    """
+    if not scene.has_many_views:
+        return scene
+    seen = [
+        view
+        for view in range(len(scene.views))
+        if scene.in_view(object_index, view).is_compared
+        and scene.model_at(object_index, view).is_seen
+    ]
+    few = {seen[i] for i in np.linspace(0, len(seen) - 1, MANY_VIEWS).astype(int)} if seen else {0}
+    scene = with_files(scene, [replace(view.file) for view in scene.views])
+    return _comparing(scene, object_index, few)
+
+
+def _comparing(scene: Scene, object_index: int, view_indices: Collection[int]) -> Scene:
     own = scene.objects[object_index].in_views or [InView()] * len(scene.views)
-    in_views = tuple(replace(v, is_compared=i == view_index) for i, v in enumerate(own))
-    return replace(scene, free_scale=False).with_object(object_index, in_views=in_views)
+    in_views = tuple(replace(v, is_compared=i in view_indices) for i, v in enumerate(own))
+    return scene.with_object(object_index, in_views=in_views)
 
 
 def is_alone(document: Document) -> bool:

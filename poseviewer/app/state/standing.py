@@ -49,7 +49,11 @@ def still_document(now: Document, found: StillCameras) -> Document:
     notes, known = [*scene.notes, *found.lines], None
     if found.is_scale_known:
         of_model = 1.0 if found.unit is None else None
-        known = known_scale(LoadedViews(scene.name, found.views, found.unit, of_model), mesh)
+        views, unit = LoadedViews(scene.name, found.views, found.unit, of_model), now.model.unit
+        known = known_scale(views, unit)
+        if found.unit is not None and unit is None:
+            wanted = "if it is another, undo, say the Model's unit in Save, and find them again"
+            notes.append(f"{now.model.name} says no unit: {found.unit} is taken; {wanted}.")
     chosen = range(len(scene.objects)) if known else (now.active,)
     if len(chosen) < len(scene.objects):
         others = [label_of(item) for i, item in enumerate(scene.objects) if i != now.active]

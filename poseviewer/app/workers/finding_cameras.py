@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.session import Session
-from poseviewer.app.state.standing import stand_still
+from poseviewer.app.state.standing import stand_still, still_document
 from poseviewer.app.workers.tasks import QueuedTask, TaskResult, Tell
 from poseviewer.errors import QuickStartError
 from poseviewer.geometry.camera import Perspective
@@ -55,7 +55,8 @@ def find_still_cameras(choice: StillChoice) -> QueuedTask:
         assert found is not None
         views = tuple(open_calibrated(view, len(found.views)) for view in found.views)
         found = replace(found, views=views)
-        return TaskResult((stand_still(frames, found),), found.lines)
+        notes = still_document(document, found).scene.notes
+        return TaskResult((stand_still(frames, found),), notes)
 
     return QueuedTask(run, WORKING)
 

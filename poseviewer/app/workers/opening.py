@@ -173,7 +173,7 @@ def open_model(now: Document, path: Path) -> Document:
     model = load_model(path)
     pose = _corner_view(model, now.pose.camera)
     views = LoadedViews(now.scene.name, now.scene.views, now.scene.unit)
-    scale = known_scale(views, model.mesh)
+    scale = known_scale(views, model.unit)
     scale = 1.0 / scale if scale else None
     settings = FitSettings(seed=now.settings.seed)
     document = now.with_object(model=model, settings=settings, without=())

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from poseviewer.app.state.document import Document
+from poseviewer.app.state.document import Document, in_few_views
 from poseviewer.app.state.edits import (
     AskNumbers,
     AskStill,
@@ -290,7 +290,7 @@ def paint_active() -> QueuedTask:
         document, item = session.document, session.document.object
         if not item.is_placed:
             raise SettingsError("Place the model first; it is painted from where it is.")
-        painting = paint_object(document.scene, document.active)
+        painting = paint_object(in_few_views(document.scene, document.active), document.active)
         for mesh in (painting.mesh, painting.contrast):
             renderer_of(mesh)
         count, share = len(painting.photos), f"{percent(painting.share)} of the surface is painted"

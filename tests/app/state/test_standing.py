@@ -5,11 +5,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 
 from poseviewer.app.state.document import Document
 from poseviewer.app.state.edits import undo
-from poseviewer.app.state.objects import add_object
+from poseviewer.app.state.objects import add_object, set_unit
 from poseviewer.app.state.session import Session
 from poseviewer.app.state.standing import stand_still
 from poseviewer.app.workers.finding_cameras import (
@@ -19,6 +20,8 @@ from poseviewer.app.workers.finding_cameras import (
 )
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.errors import QuickStartError
+from poseviewer.files.cameras import Calibration
+from poseviewer.files.image_sequence import load_sequence
 from poseviewer.geometry.lens import Lens, Undistortion
 from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.transform import RigidTransform
@@ -26,9 +29,9 @@ from poseviewer.scene.assets import ModelFile
 from poseviewer.scene.sequence import with_frames
 from poseviewer.scene.types import SearchResult, View
 from poseviewer.still.still_cameras import StillCameras
-from tests.app.sequences import CAMERA, COUNT, MESH, make_sequence, true_pose
+from tests.app.sequences import CAMERA, COUNT, MESH, make_sequence, true_pose, write_sequence
 from tests.app.state import edits as c
-from tests.app.state.documents import after, refused
+from tests.app.state.documents import after, open_files, refused
 from tests.meshes import make_box
 
 BOX = make_box((1.0, 1.5, 0.8))
@@ -88,11 +91,7 @@ def test_an_object_of_one_frame_is_in_all_where_the_scale_is_known():
 
 def test_a_scale_in_another_unit_is_the_units():
     session = keyed()
-    item = session.document.object
-    document = session.document.with_object(model=replace(item.model.with_content(), unit="m"))
-    mesh = replace(document.mesh, unit="m")
-    document = document.with_object(model=ModelFile.of(mesh, name="m.ply"))
-    session = Session(document).with_document(document.at_pose(true_pose(0)))
+    session = after(session, set_unit("m"))
     found = cameras(session.document, is_scale_known=True, unit="cm")
     views = []
     for index, view in enumerate(found.views):
@@ -101,6 +100,7 @@ def test_a_scale_in_another_unit_is_the_units():
         views.append(replace(view, camera_from_world=place))
     now = still(session, replace(found, views=tuple(views)))
     assert now.document.object.world_from_model.scale == pytest.approx(100.0)
+    assert not any("says no unit" in note for note in now.document.scene.notes)
     assert max(off_px(now.document, view) for view in range(COUNT)) < 1e-6
 
 
@@ -124,6 +124,7 @@ def test_of_several_objects_one_tells_the_scale_and_the_others_are_named():
     assert "m.ply left out; search for box.ply" in note
     both = still(session, replace(found, is_scale_known=True, unit="m")).document
     assert [item.is_placed for item in both.scene.objects] == [True, True]
+    assert any("box.ply says no unit: m is taken" in note for note in both.scene.notes)
     ((x, y),) = both.scene.pose(1, 0).project(BOX.centre[None])
     assert (x, y) == pytest.approx((60.0, 60.0))
 
@@ -223,3 +224,18 @@ def test_an_object_that_was_followed_gives_the_cameras(tmp_path: Path):
     assert max(off_px(now, view) for view in range(COUNT)) < 1e-6
     with pytest.raises(QuickStartError, match="open one first"):
         task.run(replace(session, document=now), tmp_path, lambda *_: None)
+
+
+@pytest.mark.slow
+def test_a_search_for_cameras_that_is_stopped_ends_its_process(tmp_path: Path):
+    frames, model, camera, start = write_sequence(tmp_path)
+    document = open_files(load_sequence(frames), model, start, Calibration(camera))
+
+    def stop(*_: object) -> None:
+        raise QuickStartError("stopped")
+
+    task, own = find_still_cameras(StillChoice()), psutil.Process()
+    before = own.children(recursive=True)
+    with pytest.raises(QuickStartError, match="stopped"):
+        task.run(Session(document), tmp_path, stop)
+    assert own.children(recursive=True) == before

@@ -21,6 +21,7 @@ from poseviewer.app.workers.opening import open_autosaved, open_sources
 from poseviewer.app.workers.outlines import OutlineRequest
 from poseviewer.app.workers.overlay import LossReader
 from poseviewer.app.workers.saving import Autosaver
+from poseviewer.app.workers.tasks import paint_active
 from poseviewer.app.workers.tracking import frame_reading
 from poseviewer.app.workers.worker import Mailbox
 from poseviewer.confidence.verdict import Verdict
@@ -35,7 +36,7 @@ from poseviewer.geometry.transform import RigidTransform, Similarity
 from poseviewer.opening.photo_sets import load_views
 from poseviewer.opening.sources import Sources
 from poseviewer.render.software.software_renderer import SoftwareRenderer
-from poseviewer.scene.types import SearchResult
+from poseviewer.scene.types import MANY_VIEWS, SearchResult
 from tests.app.state import edits as c
 from tests.app.state.documents import after, held
 from tests.many_views import BALL, BOX, COUNT, NAMES, camera_from_world, write_two_in_many
@@ -245,3 +246,13 @@ def test_a_stopped_export_leaves_nothing(session: Session):
 
     with pytest.raises(SettingsError, match="stopped"):
         export("bop", session, numbers=ConvertOptions(object_ids=(1, 2)), tell=stop)
+
+
+@pytest.mark.slow
+def test_a_model_is_painted_from_some_of_many_photos_which_are_not_kept(session: Session):
+    document = session.document.with_view(4)
+    session = replace(session, document=document)
+    result = paint_active().run(session, Path(), lambda *_: None)
+    (note,) = result.notes
+    assert f"from {MANY_VIEWS} photos" in note
+    assert read_in(session) in ([], [4])
