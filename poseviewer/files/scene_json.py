@@ -197,7 +197,7 @@ DESCRIPTIONS: dict[type, str] = {
         picture that is black where a search found something in front; masks are the user's.""",
     SearchResult: """Result of the last search for an object. view: index of the view that chart and
         uncertainty are of; seen: for each view, the share of the model's pixels that count, null
-        where it was not compared; residuals_px: for each view of a set of more than ten, how far in
+        where it was not compared; residuals_px: for each view of a large set, how far in
         its photo the view's own best pose is off; settings: those of the search. The rest is as in
         pose files.""",
     SceneObject: """A model in the scene. id: of this object alone, the same model may be there

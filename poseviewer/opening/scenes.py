@@ -20,14 +20,25 @@ from poseviewer.geometry.camera import Perspective, Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import same_undistortion
 from poseviewer.geometry.mask import Mask
-from poseviewer.geometry.mesh import Mesh
+from poseviewer.geometry.mesh import Mesh, hull_in_photo
+from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.world_pose import triangulate_scale
 from poseviewer.opening.photo_sets import LoadedViews, SetChoice, load_views, with_names
 from poseviewer.opening.sources import Sources
 from poseviewer.scene.assets import ModelFile, PhotoFile
 from poseviewer.scene.sequence import show_frame, store_key, with_frames
 from poseviewer.scene.settings import FitSettings
-from poseviewer.scene.types import MANY_VIEWS, Frame, InView, Scene, SceneObject, View, scene_at
+from poseviewer.scene.types import (
+    MANY_VIEWS,
+    Frame,
+    InView,
+    PlacedModel,
+    Scene,
+    SceneObject,
+    View,
+    scene_at,
+)
+from poseviewer.starts.depth_by_matches import depth_by_matches
 from poseviewer.starts.sides import look_from
 from poseviewer.starts.start import Start, StartInputs
 
@@ -318,7 +329,7 @@ def _open_views(sources: Sources, views: Path | LoadedViews) -> Scene:
         raise SettingsError(f"{photo.name}: {found}; {wanted}.")
     _, record, of_camera = _match_start(photo, record)
     known = choice.scale or known_scale(loaded, mesh.unit)
-    scale = known or scale_by_rays(loaded.views, first, mesh, record.pose, loaded.name)
+    scale = known or scale_of_views(loaded.views, first, mesh, record.pose, loaded.name)
     order = (first, *(i for i in range(len(loaded.views)) if i != first))
     ordered = tuple(loaded.views[i] for i in order)
     place = ordered[0].world_from_model(record.pose, 1.0 / scale)
@@ -343,6 +354,21 @@ def known_scale(views: LoadedViews, model_unit: str | None) -> float | None:
     if model_unit is None or model_unit == unit:
         return 1.0
     return METRES[unit] / METRES[model_unit] if {unit, model_unit} <= set(METRES) else None
+
+
+def scale_of_views(views: Sequence[View], index: int, mesh: Mesh, pose: Pose, name: str) -> float:
+    """Find the scale by features where the model is, or else as ``scale_by_rays``.
+
+    Raises:
+        SettingsError: nothing tells it.
+    """
+    if PlacedModel(mesh, pose).is_seen:
+        outline = hull_in_photo(mesh, pose)
+        box = Rectangle.from_corners(outline.min(axis=0), outline.max(axis=0))
+        depth = depth_by_matches(views, index, box)
+        if depth is not None:
+            return float(pose.camera_from_model.apply(mesh.centre)[2]) / depth
+    return scale_by_rays(views, index, mesh, pose, name)
 
 
 def scale_by_rays(views: Sequence[View], index: int, mesh: Mesh, pose: Pose, name: str) -> float:

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from poseviewer.fit.visibility import depth_image
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Camera, Perspective, Pose
-from poseviewer.geometry.image import GREY_WEIGHTS
+from poseviewer.geometry.image import GREY_WEIGHTS, Photo
+from poseviewer.geometry.mask import Mask
 from poseviewer.geometry.mesh import Mesh, hull_points
 from poseviewer.geometry.rectangle import Rectangle
 from poseviewer.geometry.transform import RigidTransform
@@ -90,7 +91,7 @@ def poses_from_features(
     mesh = inputs.mesh
     views = model_features(mesh)
     watch()
-    features, scale = _photo_features(inputs, region)
+    features, scale = photo_features(inputs.photo, region, inputs.mask)
     poses: list[FeaturePose] = []
     while len(poses) < MAX_COPIES:
         candidates: list[FeaturePose] = []
@@ -134,9 +135,10 @@ def _view(mesh: Mesh, renderer: Renderer, rotation: FloatArray, size: int) -> Te
     return TextureFeatures(points, descriptors)
 
 
-def _photo_features(inputs: StartInputs, region: Rectangle) -> tuple[TextureFeatures, float]:
-    """Return the features of a region that count, and the factor by which it was scaled."""
-    photo, mask = inputs.photo, inputs.mask
+def photo_features(
+    photo: Photo, region: Rectangle, mask: Mask | None = None
+) -> tuple[TextureFeatures, float]:
+    """Return the features of a photo's region that count, and the factor by which it was scaled."""
     inside = region.intersection(Rectangle(0, 0, photo.width, photo.height))
     left, top = int(inside.left), int(inside.top)
     part = photo.grey()[top : int(inside.bottom) + 1, left : int(inside.right) + 1]
@@ -165,18 +167,23 @@ def _sift(grey: NDArray[Any], max_count: int, mask: Any = None) -> TextureFeatur
     return TextureFeatures(at, np.sqrt(shares, dtype=np.float32))
 
 
-def _ransac(
-    view: TextureFeatures, photo: TextureFeatures, camera: Perspective, threshold_px: float
-) -> Iterator[FeaturePose]:
-    """Yield the pose with most inliers among the matches of a view, if any."""
-    if len(photo.at) < MIN_MATCHES:
-        return
-    cosines = view.descriptors @ photo.descriptors.T
+def match_features(one: TextureFeatures, other: TextureFeatures) -> tuple[FloatArray, FloatArray]:
+    """Return where (n, ...) both have features that are alike, by the ratio test."""
+    if min(len(one.at), len(other.at)) < MIN_MATCHES:
+        return one.at[:0], other.at[:0]
+    cosines = one.descriptors @ other.descriptors.T
     rows, nearest = np.arange(len(cosines)), np.argmax(cosines, axis=1)
     first = cosines[rows, nearest]
     cosines[rows, nearest] = -1.0
     is_clear = 1.0 - first < RATIO**2 * (1.0 - cosines.max(axis=1))
-    points, pixels = view.at[is_clear], photo.at[nearest[is_clear]]
+    return one.at[is_clear], other.at[nearest[is_clear]]
+
+
+def _ransac(
+    view: TextureFeatures, photo: TextureFeatures, camera: Perspective, threshold_px: float
+) -> Iterator[FeaturePose]:
+    """Yield the pose with most inliers among the matches of a view, if any."""
+    points, pixels = match_features(view, photo)
     if len(points) < MIN_MATCHES:
         return
     matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])

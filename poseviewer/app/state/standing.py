@@ -13,7 +13,7 @@ from poseviewer.errors import SettingsError, list_names
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.opening.photo_sets import LoadedViews
-from poseviewer.opening.scenes import known_scale, scale_by_rays
+from poseviewer.opening.scenes import known_scale, scale_of_views
 from poseviewer.scene.types import Frame, InView, Scene, SceneObject, View
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def still_document(now: Document, found: StillCameras) -> Document:
     if known is None:
         view, pose, _ = _place_of(now, now.active, found.views, at, shown)
         with suppress(SettingsError):  # else a press in the photo triangulates it
-            scale = 1.0 / scale_by_rays(found.views, view, mesh, pose, scene.name)
+            scale = 1.0 / scale_of_views(found.views, view, mesh, pose, scene.name)
     masks = [Mask.product([*filter(None, (scene.views[0].mask, frames[i].mask))]) for i in at]
     pairs = zip(found.views, masks, strict=True)
     still = Scene(
