@@ -23,7 +23,7 @@ def make_views(blur: float) -> list[View]:
     """Photos of a wall at a depth, by cameras that are shifted and turned outwards."""
     random = np.random.default_rng(0)
     wall = cv2.GaussianBlur(random.uniform(0.0, 255.0, (900, 1200)), (0, 0), blur)
-    wall = cv2.normalize(wall, None, 0, 255, cv2.NORM_MINMAX)
+    wall = 255.0 * (wall - wall.min()) / np.ptp(wall)
     views = []
     for number in range(4):
         turn = RigidTransform.from_rotation_vector([0.0, -0.04 * number, 0.0], np.zeros(3))
