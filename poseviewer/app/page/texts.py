@@ -18,6 +18,7 @@ from poseviewer.app.workers.opening import has_demo_model
 from poseviewer.app.workers.tasks import LongVideo
 from poseviewer.confidence.pose_covariance import short
 from poseviewer.errors import percent
+from poseviewer.files.mesh.named import missing_textures
 from poseviewer.files.mesh.size import size_words
 from poseviewer.files.state.session_file import AutosavedSession
 from poseviewer.fit.progress import SearchProgress
@@ -64,6 +65,11 @@ PLACE_HINT = (
     "<b>press where the object is</b>: the model goes there &nbsp;·&nbsp; <b>Fit to box</b> "
     "proposes starting poses"
 )
+TEXTURE_HINT = (
+    "its texture <b>{}</b> is missing, by which it would be found: drop that on the page "
+    "&nbsp;·&nbsp; or {}"
+)
+"""Hint where the model names a picture that is not there."""
 SIZE_HINT = (
     "<b>too large or too small?</b> &nbsp;·&nbsp; <b>Fit to box</b> takes the size from a "
     "rectangle &nbsp;·&nbsp; <b>ctrl + drag</b> scales &nbsp;·&nbsp; <b>space</b> search"
@@ -195,6 +201,8 @@ def _not_found_hint(session: Session) -> str:
 def _what_helps(session: Session) -> str:
     """Say what helps to find the active object, which depends on its model."""
     document = session.document
+    if missing := missing_textures(document.mesh.notes):
+        return TEXTURE_HINT.format(plain(missing[0]), PLACE_HINT)
     is_car = pose_beside_wheels(document.mesh, document.pose.camera) is not None
     return WHEELS_HINT if is_car and document.model.keypoints is None else PLACE_HINT
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Concatenate, Literal, ParamSpec
 import numpy as np
 from msgspec import Meta
 
-from poseviewer.app.state.document import MARKING, Document
+from poseviewer.app.state.document import MARKING, Document, label_of
 from poseviewer.app.state.history import MAX_OPENED, History
 from poseviewer.app.state.results import ProposedStarts
 from poseviewer.app.state.session import Session, is_in_sight
@@ -236,5 +236,8 @@ def update(session: Session, request: Edit) -> Session:
         return request(session if keeps_drag else release()(session))
     except (PoseViewerError, OutsideChartError, ArithmeticError) as error:
         text = str(error)
+        names = [label_of(item) for item in session.document.scene.objects]
+        if not text.startswith(tuple(names)):
+            text = f"{text[:1].upper()}{text[1:]}"
         end = "" if text.endswith((".", "!", "?")) else "."
-        raise SettingsError(f"{text[:1].upper()}{text[1:]}{end}") from error
+        raise SettingsError(f"{text}{end}") from error

@@ -2,6 +2,7 @@
 
 import re
 import unicodedata
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
@@ -10,6 +11,18 @@ TEXTURE_FOLDERS = ("textures", "texture", "maps", "images", "materials")
 
 NOT_THERE = "is not there; add it to the model's files"
 """End of a note on a file that a model names."""
+NO_TEXTURE = f"Texture left out: {{}} {NOT_THERE}."
+"""Note on a picture that a model names, and that is nowhere near."""
+
+
+def missing_textures(notes: Iterable[str]) -> list[str]:
+    """Return the names of the pictures that the notes on a model say are not there."""
+    start, end = NO_TEXTURE.split("{}")
+    return [
+        n.removeprefix(start).removesuffix(end)
+        for n in notes
+        if n.startswith(start) and n.endswith(end)
+    ]
 
 
 def bare_name(written: str) -> str:

@@ -15,7 +15,7 @@ from PIL import Image
 
 from poseviewer.errors import MeshFileError
 from poseviewer.files.checks import MAX_DATA_BYTES, InputFile, quiet_libraries
-from poseviewer.files.mesh.named import NOT_THERE, bare_name, find_named
+from poseviewer.files.mesh.named import NO_TEXTURE, bare_name, find_named
 
 Key = TypeVar("Key")
 MAX_SIDE_PX = 8192
@@ -170,7 +170,7 @@ def load_textures(
     images: dict[Path | None, tuple[str, Image.Image]] = {}
     for name, path in paths.items():
         if path is None:
-            notes.append(f"Texture left out: {bare_name(name)} {NOT_THERE}.")
+            notes.append(NO_TEXTURE.format(bare_name(name)))
         elif path not in images:
             file = InputFile(path, [], MeshFileError, "picture", MAX_DATA_BYTES)
             with note_errors(path.name, notes):

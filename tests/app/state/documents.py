@@ -86,7 +86,8 @@ def refused(session: Session, edit: Edit) -> str:
         update(session, edit)
     sentence = str(error.value)
     assert sentence.endswith(".")
-    assert sentence[0] == sentence[0].upper()
+    names = tuple(item.label for item in session.document.scene.objects)
+    assert sentence[0] == sentence[0].upper() or sentence.startswith(names)
     return sentence
 
 

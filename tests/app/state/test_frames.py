@@ -475,6 +475,8 @@ def test_a_drag_and_escape_stop_a_propagation(stop: Edit):
 def test_what_cannot_be_propagated_is_said():
     session = make_frames_session()
     assert "has no key" in refused(session, edit_frames("to end"))
+    named = replace(session, document=session.document.with_object(name="box.ply"))
+    assert refused(named, edit_frames("to end")).startswith("box.ply has no key")
     assert "no frame between" in refused(after(session, RIGHT), edit_frames("to start"))
     locked = session.document.with_object(locked=True)
     assert "locked" in refused(replace(session, document=locked), edit_frames("to end"))

@@ -30,6 +30,7 @@ from poseviewer.app.workers.jobs import propose_and_fit as made
 from poseviewer.app.workers.jobs import start_query
 from poseviewer.confidence.verdict import Verdict
 from poseviewer.files.demo import demo_case
+from poseviewer.files.mesh.named import NO_TEXTURE
 from poseviewer.files.photo import load_photo
 from poseviewer.files.scene_assets import load_model
 from poseviewer.geometry.camera import Perspective, Pose
@@ -217,10 +218,16 @@ def test_what_is_only_proposed_places_nothing():
 
 def test_what_would_help_is_said_at_once_for_each_kind_of_model():
     car = replace(load_model(demo_case().model), path=None)
+    notes = ("Normals were made.", NO_TEXTURE.format("wood.png"))
+    lacking = replace(make_document().model.mesh, notes=notes)
     for model, helps in (
         (car.with_content(keypoints=None), "mark the wheels of the model"),
         (car, "Fit to box"),
         (make_document().model, "Fit to box"),
+        (
+            make_document().model.with_content(mesh=lacking),
+            "texture <b>wood.png</b> is missing",
+        ),
     ):
         document = make_document().with_object(model=model, is_placed=False)
         looking = after(make_session(), c.open_document(document))
