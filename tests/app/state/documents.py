@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from poseviewer.app.state.document import Document
+from poseviewer.app.state.document import Document, label_of
 from poseviewer.app.state.dragging import Drag
 from poseviewer.app.state.edits import Edit, update
 from poseviewer.app.state.results import SearchRequest
@@ -86,7 +86,7 @@ def refused(session: Session, edit: Edit) -> str:
         update(session, edit)
     sentence = str(error.value)
     assert sentence.endswith(".")
-    names = tuple(item.label for item in session.document.scene.objects)
+    names = tuple(map(label_of, session.document.scene.objects))
     assert sentence[0] == sentence[0].upper() or sentence.startswith(names)
     return sentence
 

@@ -151,7 +151,7 @@ def test_a_locked_object_stays_where_it_is_in_the_photo():
         c.open_document(moved_document(session.document, 0.3)),
         c.start_search(),
     ):
-        assert refused(session, command).startswith("Box.ply is locked: unlock it")
+        assert refused(session, command).startswith("box.ply is locked: unlock it")
     # Another camera is another thing, and others can be moved and searched.
     seen = after(session, c.set_field_of_view(30.0))
     assert middle(seen, 2) == pytest.approx(middle(session, 2))
