@@ -170,10 +170,11 @@ def judge_together(views: Sequence[Verdict]) -> Verdict:
     each = np.array([view.probability for view in views])
     odds = np.clip(each, MIN_PROBABILITY, 1.0 - MIN_PROBABILITY)
     probability = float(1.0 / (1.0 + np.exp(-np.mean(np.log(odds / (1.0 - odds))))))
-    confirm, deny = float(np.mean(each >= FOUND_FROM)), float(np.mean(each < LOST_BELOW))
+    labels = [view.label for view in views]
+    is_confirmed = [label == "found" for label in labels] & (each >= FOUND_FROM)
+    confirm, deny = float(np.mean(is_confirmed)), float(np.mean(each < LOST_BELOW))
     is_found = probability >= FOUND_FROM and confirm >= 0.5
     label = _label(is_found, probability < LOST_BELOW and deny > 0.5)
-    labels = [view.label for view in views]
     counts = ", ".join(
         f"{labels.count(name)} {name}" for name in reversed(LABELS) if name in labels
     )

@@ -85,6 +85,12 @@ def test_several_photos_are_of_one_mind_or_it_is_doubtful(alone: list[float], wo
     assert len(verdict.views) == len(alone)
 
 
+def test_photos_that_are_doubtful_alone_find_nothing_together():
+    few_edges = [Verdict("doubtful", 0.95)] * 3
+    assert judge_together([Verdict("found", 0.99), *few_edges]).label == "doubtful"
+    assert judge_together([Verdict("found", 0.99)] * 3 + few_edges).label == "found"
+
+
 def test_what_is_known_to_be_right_needs_no_more_edges_than_it_has():
     few = replace(RIGHT, outline=0.6)
     assert judge(few).label == "doubtful"
