@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from poseviewer.errors import SettingsError
 from poseviewer.fit.lighting import render_relit
-from poseviewer.fit.problem import make_problem
+from poseviewer.fit.problem import make_problem, occlusions
 from poseviewer.fit.propagation import OF_KEY
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel, Pose, level_pose
@@ -108,7 +108,8 @@ def posed_photos(scene: Scene, object_index: int) -> list[PosedPhoto]:
         own.append(replace(scene.in_view(object_index, index), occluders=mask))
     settings = replace(item.settings, free_focal=False, free_principal_point=False)
     scene = scene.with_object(object_index, in_views=tuple(own), result=None, settings=settings)
-    problem, _ = make_problem(scene, object_index)
+    occluded = occlusions(scene, object_index, is_of_all=True)
+    problem, _ = make_problem(scene, object_index, occluded=occluded)
     photos = []
     for view, pose in zip(problem.views, problem.poses(problem.start), strict=True):
         photo = view.fine_photo or view.photo

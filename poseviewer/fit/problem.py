@@ -275,16 +275,18 @@ def views_that_show(scene: Scene, object_index: int, view_index: int = 0) -> lis
     ]
 
 
-def occlusions(scene: Scene, object_index: int, view_index: int = 0) -> dict[int, Occlusion | None]:
+def occlusions(
+    scene: Scene, object_index: int, view_index: int = 0, is_of_all: bool = False
+) -> dict[int, Occlusion | None]:
     """Find the occlusion of an object by other trusted objects in each view that a search compares:
-    of many that show it, in some (``choose_views``).
+    of many that show it, in some (``choose_views``), unless it ``is_of_all``.
 
     The view ``view_index`` comes first, and is there in any case.
     """
     trusted = [i for i, one in enumerate(scene.objects) if i != object_index and one.is_occluder]
     shown = views_that_show(scene, object_index, view_index)
     by_view: dict[int, Occlusion | None] = {}
-    for index in choose_views(scene, object_index, shown):
+    for index in shown if is_of_all else choose_views(scene, object_index, shown):
         occluders = [scene.model_at(other, index) for other in trusted]
         placed = scene.model_at(object_index, index)
         by_view[index] = make_occlusion(placed, occluders) if occluders else None
