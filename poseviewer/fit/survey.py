@@ -43,7 +43,7 @@ PINV = 1e-12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurveyedView:
-    """What a view alone says of a pose."""
+    """Result of a pose in a view alone."""
 
     view_index: int
     loss: float

@@ -451,7 +451,7 @@ class _MarkerLayout:
         return np.linalg.norm(self._shown(solution, seen) - seen.pixels, axis=2)
 
     def _shown(self, solution: _Solution, seen: _Seen) -> FloatArray:
-        """Where cameras show the corners (n, 4, 2), px."""
+        """Project the corners: (n, 4, 2), px, where cameras show them."""
         poses, groups = solution.views[seen.views], self.groups[seen.views]
         points = _corners(solution, seen.markers)
         points = np.einsum("nij,ncj->nci", _rotations(poses), points) + poses[:, None, 3:6]

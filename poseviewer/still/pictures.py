@@ -40,7 +40,7 @@ class Placed:
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """What was found of pictures, by their indices."""
+    """Cameras of pictures, by the pictures' indices, and why others have none."""
 
     placed: dict[int, Placed]
     left_out: dict[int, str]

@@ -33,7 +33,7 @@ UNSURE_PX = 1.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundCameras:
-    """What a process found, before it is views."""
+    """Cameras that a process found, before they are views."""
 
     by: Literal["features", "markers"]
     placement: Placement

@@ -106,7 +106,7 @@ def _segments(frames: tuple[Frame, ...], object_id: str) -> h.Node:
 
 @lru_cache(maxsize=1)
 def _view_segments(item: SceneObject) -> h.Node:
-    """What each of many views says of an object, drawn once."""
+    """Verdicts of many views on an object, drawn once."""
     verdicts, states = view_verdicts(item), list[tuple[str, bool]]()
     for index, own in enumerate(item.in_views):
         verdict = verdicts.get(index)

@@ -82,7 +82,7 @@ class Session:
     saved: Document | None = None
     """Document as it was saved last."""
     saved_before: tuple[Document, ...] = ()
-    """What was saved last of each that was open before, to which undo may lead back."""
+    """Documents that were open before, as they were saved last: undo may lead back to them."""
     tool: str = "pose"
     drag: Drag | None = None
     measured: tuple[tuple[Photo, FloatArray], ...] = ()

@@ -19,7 +19,7 @@ WORKING = "Finding the cameras ..."
 
 @dataclass(frozen=True, slots=True)
 class StillChoice:
-    """How the cameras of a scene that stands still are found."""
+    """Choice of how the cameras of a scene that stands still are found."""
 
     by: Literal["auto", "features", "markers", "object"] = "auto"
     marker_size: float | None = None

@@ -87,7 +87,7 @@ class UnsavedPose:
     """Question whether files are opened that replace a pose which is in no file."""
 
     name: str
-    """Of the first file."""
+    """Name of the first file."""
     open: QueuedTask
 
 
