@@ -394,14 +394,17 @@ class Search:
             each.append(view)
             seconds = time.perf_counter() - self._began
             yield self._publish(replace(end, status=Status.RUNNING, seconds=seconds))
-        pose, scale = join(scene, index, each, first)
+            if seconds >= problem.settings.limits.seconds:
+                break
+        pose, scale = scene.pose(index, first), scene.objects[index].world_from_model.scale
+        if not problem.settings.lock:  # the views know of no locks
+            pose, scale = join(scene, index, each, first)
         each = with_residuals(scene.with_pose(index, pose, first, scale), index, each)
         parameters = end.parameters.copy()
         moved = pose_to_params(problem.chart, pose, scale)
-        parameters[:6], parameters[-1] = (
-            moved[:6],
-            moved[-1] if scene.free_scale else parameters[-1],
-        )
+        parameters[:6] = moved[:6]
+        if scene.free_scale:
+            parameters[-1] = moved[-1]
         verdict = judge_together([view.verdict for view in each])
         return replace(
             end,

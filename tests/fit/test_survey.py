@@ -137,6 +137,9 @@ def test_a_wrong_camera_is_named_and_moves_nothing():
     assert end.verdict is not None
     assert end.verdict.label == "found"
     assert len(end.problem.views) == MAX_SEARCHED > MAX_PROBED
+    assert end.covariance is not None
+    joined = end.covariance.pose.project(MESH.vertices)
+    assert end.pose.project(MESH.vertices) == pytest.approx(joined, abs=1e-6)
     right = [px for index, px in enumerate(errors_px(search.scene)) if index != WRONG]
     assert max(right) < 0.5
     assert result is not None
