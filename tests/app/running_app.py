@@ -11,6 +11,7 @@ import pytest
 
 from poseviewer.app.app import App
 from poseviewer.app.below_viser.guard import serve
+from poseviewer.app.state.document import Document
 from poseviewer.app.workers import maps
 from tests.app.app_process import MAP_SIZE
 from tests.app.state.documents import open_files
@@ -32,13 +33,18 @@ class RunningApp:
 
 
 @contextmanager
-def running_app(scene: Scene, state: Path, has_start: bool = True) -> Iterator[RunningApp]:
-    """The app on the scene's photo, model and start, if any; its loop must live until the end."""
+def running_app(
+    scene: Scene, state: Path, has_start: bool = True, document: Document | None = None
+) -> Iterator[RunningApp]:
+    """The app on a document, by default the scene's photo, model and start, if any; its loop must
+    live until the end.
+    """
     interval = sys.getswitchinterval()
     patch = pytest.MonkeyPatch()
     patch.setattr(maps, "SIZE", MAP_SIZE)
     guarded = serve("127.0.0.1", 0)
-    document = open_files(scene.photo, scene.model, scene.start if has_start else None)
+    if document is None:
+        document = open_files(scene.photo, scene.model, scene.start if has_start else None)
     app = App(guarded.server, document, state)
     loop = threading.Thread(target=app.run, name="app")
     loop.start()

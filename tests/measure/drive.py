@@ -1,4 +1,4 @@
-"""The page driven at random: ``python -m tests.measure.drive --seconds 60 --seed 1``.
+"""The page driven at random: ``python -m tests.measure.drive --seed 1 --on still``.
 
 One or two tabs of real Chromium on the real app do what ``ACTS`` says. After each round of acts all
 must be well: no error on a page, nothing in the log; the tabs show the same values as one that has
@@ -17,7 +17,7 @@ import traceback
 from collections import Counter
 from collections.abc import Callable
 from contextlib import ExitStack, chdir
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from logging.handlers import BufferingHandler
 from pathlib import Path
 from typing import Any
@@ -26,17 +26,30 @@ import numpy as np
 from playwright.sync_api import Browser
 from playwright.sync_api import Error as BrowserError
 
+from poseviewer.app.state.document import Document
+from poseviewer.app.workers.opening import open_sources
 from poseviewer.errors import PoseViewerError
-from poseviewer.files.pose import load_pose
-from poseviewer.files.scene_json import load_scene
+from poseviewer.files.pose import PoseRecord, load_pose, save_pose
+from poseviewer.files.scene_assets import view_of_file
+from poseviewer.files.scene_json import load_scene, save_scene
 from poseviewer.files.state.session_file import load_autosave
+from poseviewer.files.structs import PhotoReference
+from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.transform import RigidTransform
+from poseviewer.opening.sources import name_sources
+from poseviewer.scene.types import Scene as ModelScene
 from tests.app.browser import AppPage, open_browser
 from tests.app.running_app import RunningApp, running_app
-from tests.meshes import make_painted
+from tests.meshes import make_box, make_painted
 from tests.scene import Scene, make_scene, make_scene_of
+from tests.several import save_model
+from tests.still_scene import CAMERA, arc, write_pictures
 from tests.view_sets import write_views
 
+ON = ("photo", "photos", "still")
+"""What is open at first: one photo, three of known cameras, or many of a still scene."""
+STILL_PHOTOS = 14
+"""Enough for a time line in place of the strip."""
 ROUND_ACTS, ROUND_SECONDS = 80, 25.0
 PAST_STEPS = 150
 """Steps of a round that undo reaches back: it keeps 200."""
@@ -244,8 +257,14 @@ ACTS: dict[str, tuple[int, Callable[[Driver], str]]] = {
 """Weights, and functions that say what they did."""
 
 
-def drive(seed: int, seconds: float) -> list[str]:
-    """Drive the app until something is found or the time is over; prints, and returns, findings."""
+def drive(seed: int, seconds: float, on: str = ON[0]) -> list[str]:
+    """Drive the app until something is found or the time is over; prints, and returns, findings.
+
+    Args:
+        seed: of the acts.
+        seconds: to drive; a round is driven to its end.
+        on: what is open at first, of ``ON``.
+    """
     log, findings = BufferingHandler(10_000), list[str]()
     log.setLevel(logging.WARNING)
     logging.captureWarnings(True)
@@ -254,7 +273,8 @@ def drive(seed: int, seconds: float) -> list[str]:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         stack.enter_context(chdir(folder))
         scene, files = make_files(folder)
-        running = stack.enter_context(running_app(scene, folder / "state"))
+        document = None if on == ON[0] else open_set(folder / "open", on)
+        running = stack.enter_context(running_app(scene, folder / "state", document=document))
         browser = stack.enter_context(open_browser())
         driver = Driver(browser, running.url, random.Random(seed), files)
         try:
@@ -287,6 +307,24 @@ def make_files(folder: Path) -> tuple[Scene, dict[str, list[Path]]]:
         "Model ...": [scene.model, box.model, broken[2]],
         "Folder ...": [places[2]],
     }
+
+
+def open_set(folder: Path, on: str) -> Document:
+    """Open some photos of known cameras, or many of a still scene."""
+    folder.mkdir()
+    if on == ON[1]:
+        return open_sources(name_sources(*write_views(folder)))
+    places = arc(STILL_PHOTOS)
+    views = tuple(
+        view_of_file(path, CAMERA, camera_from_world=place)
+        for path, place in zip(write_pictures(folder, places), places, strict=True)
+    )
+    save_scene(folder / "set.json", ModelScene(views=views, unit="m"))
+    save_model(folder / "low.ply", replace(make_box((0.2, 0.08, 0.08)), unit="m"))
+    start = RigidTransform(np.eye(3), np.array([0.055, -0.12, 0.04]))
+    photo = PhotoReference(views[0].file.name, CAMERA.width, CAMERA.height)
+    save_pose(folder / "start.json", PoseRecord.of(Pose(CAMERA, places[0] @ start), photo))
+    return open_sources(name_sources(*(folder / n for n in ("set.json", "low.ply", "start.json"))))
 
 
 def drive_rounds(
@@ -383,11 +421,12 @@ def is_near(one: RigidTransform, other: RigidTransform) -> bool:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=600.0)
+    parser.add_argument("--on", choices=ON, default=ON[0], help="what is open at first")
     parser.add_argument("--seed", type=int, help="(a new one, which is printed)")
     options = parser.parse_args()
     seed = random.SystemRandom().randrange(1 << 32) if options.seed is None else options.seed
     print(f"seed {seed}", flush=True)
-    findings = drive(seed, options.seconds)
+    findings = drive(seed, options.seconds, options.on)
     for finding in findings:
         print(f"FOUND: {finding}")
     return int(bool(findings))

@@ -40,7 +40,10 @@ from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage, open_browser
 from tests.lenses import as_taken, write_camera
 from tests.measure.jobs import Hand, mark_wheels, save_demo_without_wheels
-from tests.several import LIGHT, lit_models, make_three
+from tests.measure.still import LARGE as LARGE_CAMERA
+from tests.measure.still import draw_room, models
+from tests.several import LIGHT, lit_models, make_three, save_model
+from tests.still_scene import MARKER
 from tests.view_sets import BOX, BOX_TRUTH, CAMERA, MESH, TRUTH, write_two, write_views
 
 ASSETS = ROOT / "assets"
@@ -442,6 +445,52 @@ def make_time_line(folder: Path) -> None:
         save(DOCS / "time_line.jpg", shot.convert("RGB"), 60)
 
 
+def make_table(folder: Path) -> None:
+    """A film of a table on its way to a data set: film, cameras, first and second thing, export."""
+    film, size = folder / "film", (LARGE_CAMERA.width, LARGE_CAMERA.height)
+    film.mkdir()
+    cameras, things = draw_room(film, FRAMES, True), models()
+
+    def place(name: str, index: int) -> None:
+        centre = LARGE_CAMERA.project(cameras[index].apply(things[name].centre))
+        tab.page.mouse.click(*tab.on_screen(centre.tolist(), size))
+
+    for name in ("box", "bumpy"):
+        mesh = things[name]
+        save_model(folder / f"{name}.ply", replace(mesh, vertices=mesh.vertices - mesh.centre))
+    with open_app(folder, film, folder / "box.ply", first=f"frame 1 of {FRAMES}") as tab:
+        tab.page.keyboard.press("Escape")
+        place("box", 0)
+        tab.wait_for_text("· key")
+        save_page(DOCS / "table_film.jpg", tab)
+        press(tab, "it stands still")
+        tab.page.get_by_label("Markers' side").first.fill(f"{MARKER}")
+        tab.page.get_by_label("Markers' side").first.blur()
+        save_page(DOCS / "table_markers.jpg", tab)
+        press(tab, "Find the cameras")
+        tab.wait_for_text(f"photo 1 of {FRAMES}")
+        tab.open_step(3)
+        tab.page.keyboard.press("Space")
+        tab.wait_for_text("found")
+        save_page(DOCS / "table_found.jpg", tab)
+        tab.add_object(folder / "bumpy.ply")
+        tab.wait_for_text("not placed")
+        for _ in range(8):
+            tab.page.keyboard.press(".")
+        tab.wait_for_text("photo 9 ")
+        place("bumpy", 8)
+        tab.open_step(3)
+        press(tab, "Search all")
+        press(tab, "Keep it")
+        save_page(DOCS / "table_all.jpg", tab)
+        tab.open_step(5)
+        tab.page.get_by_label("Format", exact=True).first.click()
+        tab.page.get_by_role("option", name="bop", exact=True).click()
+        press(tab, "Export as")
+        tab.wait_for_text("Numbers in BOP")
+        save_page(DOCS / "table_export.jpg", tab)
+
+
 def make_painted(_folder: Path) -> None:
     """The demo's car without its colours, painted from the photo: seen as there, and from both
     sides of it, with a tint where the photo shows nothing.
@@ -465,7 +514,7 @@ def make_painted(_folder: Path) -> None:
 MAKERS = (
     make_search, make_demo, make_app, make_first, make_lens, make_export, make_pairs, make_report,
     make_wheels, make_marking, make_assumed, make_box, make_methods, make_hide, make_objects,
-    make_two, make_time_line, make_painted,
+    make_two, make_time_line, make_table, make_painted,
 )  # fmt: skip
 PICTURES: dict[str, Callable[[Path], None]] = {
     **{make.__name__.removeprefix("make_"): make for make in MAKERS},

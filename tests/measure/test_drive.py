@@ -15,7 +15,7 @@ def test_a_warning_in_the_log_is_found(monkeypatch) -> None:
 
     monkeypatch.setattr(drive, "ACTS", {"warn": (1, warn)})
     monkeypatch.setattr(drive, "ROUND_ACTS", 1)
-    assert drive.drive(seed=1, seconds=0.0) == ["the log says: a worker failed"]
+    assert drive.drive(seed=1, seconds=0.0, on="still") == ["the log says: a worker failed"]
 
 
 def test_values_that_differ_are_found() -> None:
