@@ -36,7 +36,9 @@ APART_SHARE = 0.02
 as far off are wrong."""
 APART_FACTOR = 3.0
 """Residual over the views' median from which it does not: others share what the model lacks."""
-WHY_APART = "its camera may be wrong, or something moved while it was taken"
+WHY_APART = (
+    "something may hide it there, its camera may be wrong, or something moved while it was taken"
+)
 PINV = 1e-12
 """Share of the largest eigenvalue below which one stands for none: along equal poses."""
 
