@@ -33,6 +33,7 @@ from poseviewer.render.overlay.styles import ModelInPhoto, Picture, draw_style
 from poseviewer.render.overlay.window import Window
 from poseviewer.scene.sequence import show_frame, store_key
 from poseviewer.scene.settings import FitSettings
+from poseviewer.scene.types import Scene
 
 AUDITED = "audited.csv"
 """File of the table of jobs from given or, where accepted, found poses."""
@@ -65,31 +66,78 @@ def load_given_jobs(results: Path, settings: FitSettings) -> tuple[Job, ...]:
 
 
 def load_frame_jobs(path: Path, out: Path, settings: FitSettings) -> tuple[Job, ...]:
-    """Make rows of the poses in a sequence's frames, and save these poses in ``out``.
+    """Make rows of the poses in a sequence's frames, or in the photos of a set, and save these
+    poses in ``out``.
 
     Raises:
         BatchError: there is none.
     """
     scene, jobs = load_scene(path), list[Job]()
     make_folder(out / STARTS, BatchError)
-    for number, frame in enumerate(scene.frames):
-        shown = show_frame(scene, number)
+    for number in range(len(scene.frames) or len(scene.views)):
+        shown, view = (show_frame(scene, number), 0) if scene.frames else (scene, number)
+        saved = as_saved(shown)
         for index, item in enumerate(shown.objects):
-            if item.id in frame.poses:
-                start = out / STARTS / f"{number:06d}-{index}.json"
-                record, masks = pose_json(as_saved(shown), index), (shown.mask, shown.occluders)
-                save_start(start, record, *(of(index) for of in masks))
-                photo, model = str(frame.file.location), str(item.model.location)
-                jobs.append(Job(len(jobs) + 1, photo, model, str(start), str(path.parent)))
+            if not _is_given(shown, index, view):
+                continue
+            start = out / STARTS / f"{number:06d}-{index}.json"
+            masks = shown.mask(index, view), shown.occluders(index, view)
+            save_start(start, pose_json(saved, index, view), *masks)
+            photo = shown.frame.file if shown.frame else shown.views[view].file
+            files = str(photo.location), str(item.model.location)
+            jobs.append(Job(len(jobs) + 1, *files, str(start), str(path.parent)))
     if not jobs:
-        raise BatchError(f"{path.name}: no pose in a frame of it; name the scene of a sequence.")
+        wanted = "name the scene of a sequence, or of several photos"
+        raise BatchError(f"{path.name}: no pose in a photo of it; {wanted}.")
     return with_keys(jobs, settings)
+
+
+def _is_given(scene: Scene, object_index: int, view_index: int) -> bool:
+    """Tell whether an object has a pose in the shown frame, or is seen and compared in a view."""
+    item = scene.objects[object_index]
+    if scene.frame is not None:
+        return item.id in scene.frame.poses
+    is_compared = scene.in_view(object_index, view_index).is_compared
+    return item.is_placed and is_compared and scene.model_at(object_index, view_index).is_seen
+
+
+def name_doubted(batch: Batch, rows: Sequence[Row]) -> list[str]:
+    """Name the objects of a set of photos whose pose seems wrong, as most of their rows have a
+    finding, and then the photos whose camera seems wrong, by the other objects' rows; a sentence
+    each.
+    """
+    scene = None if batch.sequence is None else load_scene(batch.sequence)
+    if scene is None or scene.frames or len(scene.views) == 1:
+        return []
+    found = dict[tuple[int, int], bool]()
+    for row in rows:
+        number, index = map(int, Path(row.job.start).stem.split("-"))
+        found[number, index] = bool(row.result.finding)
+    lines, doubted = list[str](), set[int]()
+    for index, item in enumerate(scene.objects):
+        own = [is_found for (_, other), is_found in found.items() if other == index]
+        if sum(own) > len(own) / 2.0:
+            doubted.add(index)
+            lines.append(f"{item.id}: {_count(own, 'photo')}; its pose or model seems wrong.")
+    for number, view in enumerate(scene.views):
+        own = [
+            is_found for (other, index), is_found in found.items()
+            if other == number and index not in doubted
+        ]  # fmt: skip
+        if sum(own) > max(1.0, len(own) / 2.0):
+            lines.append(f"{view.name}: {_count(own, 'object')}; its camera seems wrong.")
+    return lines
+
+
+def _count(found: Sequence[bool], what: str) -> str:
+    return f"a finding in {sum(found)} of {len(found)} {what}{'' if len(found) == 1 else 's'}"
 
 
 def save_audited(batch: Batch, rows: Sequence[Row]) -> None:
     """Write ``AUDITED``, and the scene of a sequence, with the accepted poses for given ones."""
-    if batch.sequence is not None:
-        scene = given = load_scene(batch.sequence)
+    given = None if batch.sequence is None else load_scene(batch.sequence)
+    if batch.sequence is not None and given is not None and given.frames:
+        scene = given
         width, height = given.views[0].file.width, given.views[0].file.height
         for row in (row for row in rows if row.result.is_accepted):
             number, index = map(int, Path(row.job.start).stem.split("-"))

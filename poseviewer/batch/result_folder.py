@@ -155,7 +155,7 @@ class Batch:
     is_audit: bool = False
     """Whether the starts are given poses, to be compared with those found."""
     sequence: str | None = None
-    """Scene file of a sequence whose poses are audited, absolute; None: they are of no sequence."""
+    """Scene file of a sequence or set of photos that is audited, absolute; None: none is."""
     features: Path | None = None
     """Weights of a DINOv2 backbone for starts ``auto`` without a box; not in ``batch.json``."""
 

@@ -54,7 +54,7 @@ def open_batch(
 
     Args:
         table: table of jobs, or folder of a BOP scene; in an audit also the folder of a batch's
-            results, or the scene file of a sequence.
+            results, or the scene file of a sequence or of several photos.
         folder: folder of the results.
         settings: settings of the fits.
         mask: mask of every photo.

@@ -51,6 +51,7 @@ def run(options: Namespace) -> int:
 
 def run_rows(options: Namespace, is_audit: bool = False) -> int:
     """Run the rows that are not done yet, and write the summaries of all."""
+    from poseviewer.batch.audit import name_doubted
     from poseviewer.batch.result_folder import (
         REPORT,
         TABLE,
@@ -74,7 +75,8 @@ def run_rows(options: Namespace, is_audit: bool = False) -> int:
     more = "; stopped, run it again to go on" if stopped else ""
     say(f"{len(rows) - failed} of {count} rows fitted, {failed} failed{more}")
     if is_audit:
-        say(summarise_findings(rows))
+        for line in (summarise_findings(rows), *name_doubted(batch, rows)):
+            say(line)
     if question := summarise_questions(rows):
         say(question)
     say(f"table: {options.out / TABLE}\nreport: {options.out / REPORT}")

@@ -20,11 +20,14 @@ from poseviewer.batch.audit import (
     MIN_MOVED_DEVIATIONS,
     audit_numbers,
     find_finding,
+    name_doubted,
 )
 from poseviewer.batch.job_table import Job
 from poseviewer.batch.result_folder import (
     ACCEPTED,
+    MOVED,
     REJECTED,
+    Batch,
     JobResult,
     Row,
     save_result,
@@ -34,14 +37,18 @@ from poseviewer.batch.run import open_batch, run_batch, save_summaries
 from poseviewer.errors import EXIT_MENDABLE, BatchError
 from poseviewer.files.formats.bop import BopObject
 from poseviewer.files.pose import load_pose
+from poseviewer.files.scene_assets import model_file
 from poseviewer.files.scene_json import as_saved, load_scene, save_scene
 from poseviewer.geometry.camera import Perspective
+from poseviewer.geometry.transform import RigidTransform
 from poseviewer.scene.settings import FitSettings, Limits
+from poseviewer.scene.types import SceneObject
 from tests.batches import fit_all, write_table
 from tests.commands import read_rows, refusal, run
 from tests.files.test_scene_frames import sequence
 from tests.scene import Scene
 from tests.several import make_three, write_bop_scene
+from tests.view_sets import BOX_TRUTH, NAMES, TRUTH, write_two
 from tests.writing import write
 
 SHIFT = np.array([0.12, 0.08, 0.0])
@@ -314,6 +321,53 @@ def test_poses_of_a_sequence_are_audited(tmp_path: Path) -> None:
         wanted = before.rigid if pose is None else pose
         np.testing.assert_allclose(after.rigid.translation, wanted.translation)
     assert audited.frame_index == given.frame_index
+
+
+def audit_of_two(folder: Path, aside: float = 0.0) -> Batch:
+    """Open an audit of two objects in three photos, of which the last has its camera aside."""
+    cameras, *models = write_two(folder)
+    scene, objects = load_scene(cameras), []
+    for name, pose, model in zip(("ball", "box"), (TRUTH[0], BOX_TRUTH[0]), models, strict=True):
+        place = scene.views[0].world_from_model(pose)
+        objects.append(SceneObject(id=name, model=model_file(model), world_from_model=place))
+    *views, last = scene.views
+    moved = RigidTransform(np.eye(3), np.array([aside, 0.0, 0.0])) @ last.camera_from_world
+    views = (*views, replace(last, camera_from_world=moved))
+    path = folder / "two.scene.json"
+    save_scene(path, replace(scene, views=views, objects=tuple(objects)))
+    return open_batch(path, folder / "audit", FitSettings(), is_audit=True)
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_a_camera_of_several_photos_that_is_off_is_named(tmp_path: Path) -> None:
+    batch = audit_of_two(tmp_path, 0.15)
+    fit_all(batch)
+    wanted = "c.png: a finding in 2 of 2 objects; its camera seems wrong."
+    assert name_doubted(batch, batch.rows()) == [wanted]
+    queue = review.load_queue(batch.folder)
+    save_summaries(review.decide(queue, 0, ACCEPTED).batch)
+    assert (batch.folder / "audited.csv").exists()
+    assert not (batch.folder / "two.scene.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("found", "wanted"),
+    [
+        ("010100", ["box: a finding in 2 of 3 photos; its pose or model seems wrong."]),
+        ("110001", ["box: a finding in 2 of 3 photos; its pose or model seems wrong."]),
+        ("110000", ["a.png: a finding in 2 of 2 objects; its camera seems wrong."]),
+        ("100001", []),
+    ],
+)
+def test_what_most_rows_of_several_photos_speak_against_is_named(tmp_path, found, wanted):
+    batch = audit_of_two(tmp_path)
+    assert [Path(job.photo).name for job in batch.jobs] == [name for name in NAMES for _ in "12"]
+    rows = [
+        Row(job, JobResult("ok", finding=MOVED if is_found == "1" else ""))
+        for job, is_found in zip(batch.jobs, found, strict=True)
+    ]
+    assert name_doubted(batch, rows) == wanted
 
 
 def test_a_batch_and_an_audit_of_the_same_rows_do_not_mix(scene: Scene, tmp_path: Path) -> None:
