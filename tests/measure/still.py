@@ -141,7 +141,7 @@ def starts(name: str, true: Sequence[RigidTransform]) -> dict[str, tuple[Mesh, i
     if name == "rbt":
         camera = load_calibration(Calibration(RBT / "camera.yml"), "", 640, 480)[0].camera
         known = {}
-        for key in ("cube", "dragon"):
+        for key in ("dragon", "cube"):
             pose = load_pose(RBT / f"key_{key}.json").pose
             at_first = Pose(camera, true[0].inverse() @ pose.camera_from_model)
             known[key] = load_mesh(RBT / f"{key}.obj"), 0, pose, at_first
