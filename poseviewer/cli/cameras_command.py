@@ -63,14 +63,14 @@ def run(options: Namespace) -> int:
     """Write the set and say what was found."""
     from poseviewer.files.formats.conversion import require_free
     from poseviewer.files.scene_json import save_scene
-    from poseviewer.files.writing import make_folder
+    from poseviewer.files.writing import making_folder
     from poseviewer.opening.photo_sets import SET
 
     path: Path = options.out / SET
     require_free([path], options.overwrite)
-    make_folder(options.out, PoseFileError)
-    found = _of_object(options) if _is_of_object(options) else _of_pictures(options)
-    save_scene(path, found.scene)
+    with making_folder(options.out, PoseFileError):
+        found = _of_object(options) if _is_of_object(options) else _of_pictures(options)
+        save_scene(path, found.scene)
     for line in found.lines:
         say(table.in_options(line, OPTIONS))
     say(f"set: {path}")
