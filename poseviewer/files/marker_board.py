@@ -107,6 +107,8 @@ def _marker_map(file: InputFile, tree: dict[str, Any]) -> MarkerBoard:
     if not places:
         raise file.error("no marker in it", WANTED)
     kind = _whole(file, tree.get("aruco_bc_mInfoType", 1), "aruco_bc_mInfoType")
+    if kind > 1:
+        raise file.error(f"aruco_bc_mInfoType is {kind}", "wanted 0, in pixels, or 1, in metres")
     family = OF_ARUCO.get(file.text(tree.get("aruco_bc_dict"), "aruco_bc_dict"), "")
     return MarkerBoard(places, sides, family, "m" if kind == 1 else None)
 

@@ -198,7 +198,7 @@ def place_by_markers(
         known: their camera, with its lens; None: found with them.
         family: one of ``FAMILIES``.
         marker_size: side of the markers, black edge to black edge; None: lengths are in sides, or
-            as the board has them.
+            in the board's unit.
         board: places of some of the markers.
 
     Raises:

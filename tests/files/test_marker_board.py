@@ -78,6 +78,10 @@ def markers(*entries: object) -> dict[str, object]:
         ),
         (markers({"id": 3, "corners": [*SQUARE[:3], [0, 0.1, 0.5]]}), "marker 3 is no square"),
         (markers(*[{"id": 3, "corners": SQUARE}] * 2), "marker 3 is there twice"),
+        (
+            {**markers({"id": 3, "corners": SQUARE}), "aruco_bc_mInfoType": 2},
+            "InfoType is 2; wanted",
+        ),
         ([1, 2], "its content is a list of 2"),
         ("not: [a board", "not YAML"),
     ],
