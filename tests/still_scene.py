@@ -79,14 +79,17 @@ def box(centre: ArrayLike, size: Sequence[float], seed: int) -> Solid:
 
 def marker(
     number: int, x: float, y: float, side: float = MARKER, turn_deg: float = 0.0,
-    family: int = cv2.aruco.DICT_APRILTAG_36H11, mirrored: bool = False,
+    family: int = cv2.aruco.DICT_APRILTAG_36H11, mirrored: bool = False, border: int = 1,
+    margin: float = MARGIN, corners: int = 255,
 ) -> Solid:  # fmt: skip
-    """Return a marker that lies on the table, with its margin."""
+    """Return a marker that lies on the table, with its margin, whose ``corners`` are so bright."""
     dictionary = cv2.aruco.getPredefinedDictionary(family)
-    drawn = np.asarray(cv2.aruco.generateImageMarker(dictionary, number, 160))
-    drawn = np.pad(drawn, round(160 * MARGIN), constant_values=255)
+    drawn = np.asarray(cv2.aruco.generateImageMarker(dictionary, number, 160, borderBits=border))
+    edge = round(160 * margin)
+    drawn = np.pad(drawn, edge, constant_values=255)
+    drawn[np.ix_(*[[*range(edge), *range(160 + edge, 160 + 2 * edge)]] * 2)] = corners
     drawn = drawn[:, ::-1] if mirrored else drawn
-    half, turn = side * (0.5 + MARGIN), np.radians(turn_deg)
+    half, turn = side * (0.5 + margin), np.radians(turn_deg)
     right = half * np.array([np.cos(turn), np.sin(turn), 0.0])
     up = half * np.array([-np.sin(turn), np.cos(turn), 0.0])
     return (sheet((x, y, 0.001), right, up, np.repeat(drawn[..., None], 3, axis=2)),)

@@ -31,6 +31,11 @@ OF_MARKERS = (
     table.option(
         "--unit NAME", "set the unit of --marker-size, such as m or mm (default: the model's)"
     ),
+    table.option(
+        "--board FILE",
+        "take the places of markers from Kalibr's aprilgrid.yaml or a marker map of ArUco "
+        "(default: find them)",
+    ),
 )
 OPTIONS = {
     "": (
@@ -63,14 +68,14 @@ def run(options: Namespace) -> int:
     """Write the set and say what was found."""
     from poseviewer.files.formats.conversion import require_free
     from poseviewer.files.scene_json import save_scene
-    from poseviewer.files.writing import make_folder
+    from poseviewer.files.writing import making_folder
     from poseviewer.opening.photo_sets import SET
 
     path: Path = options.out / SET
     require_free([path], options.overwrite)
-    make_folder(options.out, PoseFileError)
-    found = _of_object(options) if _is_of_object(options) else _of_pictures(options)
-    save_scene(path, found.scene)
+    with making_folder(options.out, PoseFileError):
+        found = _of_object(options) if _is_of_object(options) else _of_pictures(options)
+        save_scene(path, found.scene)
     for line in found.lines:
         say(table.in_options(line, OPTIONS))
     say(f"set: {path}")
@@ -95,12 +100,14 @@ def _of_object(options: Namespace) -> StillCameras:
 
 def _of_pictures(options: Namespace) -> StillCameras:
     from poseviewer.files.image_sequence import images_in
+    from poseviewer.files.marker_board import NO_BOARD, load_board
     from poseviewer.files.mesh.size import METRES
     from poseviewer.still.still_cameras import StillCameras, find_cameras
 
     table.refuse(options, (table.OBJECT,), "without a sequence; leave it out, or name a SEQUENCE")
     if options.unit not in (None, *METRES):
         raise SettingsError(f"--unit {options.unit}: wanted one of {', '.join(METRES)}.")
+    board = NO_BOARD if options.board is None else load_board(options.board)
     path: Path = options.clip
     if path.is_dir():
         pictures: list[Path] | ImageSequence = images_in(path)[:: options.every or 1]
@@ -115,7 +122,7 @@ def _of_pictures(options: Namespace) -> StillCameras:
     with progress_bar(None, options.quiet, shape="{desc} [{elapsed}]") as bar:
         steps = find_cameras(
             pictures, options.by or "auto", camera=camera, marker_size=options.marker_size,
-            unit=options.unit,
+            unit=options.unit, board=board,
         )  # fmt: skip
         for step in steps:
             if isinstance(step, StillCameras):

@@ -21,6 +21,10 @@ LOADER = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
 """Every number a text, every tag and anchor plain; libyaml's where PyYAML was built with it."""
 NO_BLANK = re.compile(r"^([^\S\n]*+(?=[\w.]*[A-Za-z])[\w.]++):(?=[\[{\"!\d.+-])", re.MULTILINE)
 """A key of YAML, and its colon without a blank behind it."""
+FLOW = re.compile(r"^\s*+- \{.*", re.MULTILINE)
+"""A line of YAML with a mapping in braces."""
+NO_BLANK_IN_FLOW = re.compile(r"([{,]\s*+[A-Za-z]\w*+):(?=[\[{\"!\d.+-])")
+"""``NO_BLANK`` in it."""
 SECTION = re.compile(r"\s*\[\s*([A-Za-z]\w*)\s*\]\s*")
 KEY = re.compile(r"\s*+(?P<key>[A-Za-z]\w*+(?: ++\w++)*+)\s*+([:=](?P<numbers>.*))?")
 """Lines of a text: the name of a section; a key, alone or with numbers."""
@@ -54,7 +58,8 @@ def load_tree(file: InputFile) -> Any:
 def _of_yaml(file: InputFile) -> Any:
     """The first document of a YAML file, with OpenCV's head, which none that YAML knows is."""
     body = re.sub(r"\A\s*%YAML:1\.0", "", _short_text(file))
-    body = NO_BLANK.sub(r"\1: ", body)  # cv2.FileStorage reads ``data:[``
+    body = NO_BLANK.sub(r"\1: ", body)  # cv2.FileStorage reads ``data:[``, and writes ``{ id:1``
+    body = FLOW.sub(lambda line: NO_BLANK_IN_FLOW.sub(r"\1: ", line[0]), body)
     data = next(iter(yaml.load_all(body, LOADER)), None)  # what it calls a matrix is a mapping
     if _count_letters(data, {}) > MAX_TEXT_BYTES:
         found = f"its aliases stand for more than {MAX_TEXT_BYTES:,} letters"

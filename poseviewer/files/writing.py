@@ -217,6 +217,19 @@ def make_folder(
         raise error(f"{found}; name a folder of yours.") from None
 
 
+@contextmanager
+def making_folder(folder: Path, error: type[PoseViewerError] = PoseFileError) -> Iterator[None]:
+    """Make a folder and those above it; remove them at the end where nothing was written there."""
+    made = [path for path in (folder, *folder.parents) if not path.exists()]
+    make_folder(folder, error)
+    try:
+        yield
+    finally:
+        with suppress(OSError):  # not empty
+            for path in made:
+                path.rmdir()
+
+
 def sha256_of(path: str | Path) -> str:
     """Return the SHA-256 of a file's bytes in hexadecimal, read piece by piece.
 

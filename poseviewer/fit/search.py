@@ -389,13 +389,18 @@ class Search:
             return end
         probed = next((Features(**one.features) for one in verdict.views if one.features), None)
         scene, each = with_params(self.scene, index, problem, end.parameters), []
-        order = [first, *(number for number in shown if number != first)]
+        searched = [view.view_index for view in problem.views]
+        order = [*searched, *(number for number in shown if number not in searched)]
         for view in survey(scene, index, order, probed, self._judges[index], self._threads):
             each.append(view)
             seconds = time.perf_counter() - self._began
             yield self._publish(replace(end, status=Status.RUNNING, seconds=seconds))
             if seconds >= problem.settings.limits.seconds:
+                end = replace(end, status=Status.SECONDS_SPENT, seconds=seconds)
                 break
+        if len(each) < len(searched):  # they tell less than the search
+            return end
+        each.sort(key=lambda view: (view.view_index != first, view.view_index))
         pose, scale = scene.pose(index, first), scene.objects[index].world_from_model.scale
         if not problem.settings.lock:  # the views know of no locks
             pose, scale = join(scene, index, each, first)
@@ -489,6 +494,9 @@ def make_search_result(scene: Scene, object_index: int, progress: FitProgress) -
     residuals |= {view.view_index: view.residual_px for view in surveyed}
     if surveyed:
         notes.append(apart_note(scene, surveyed))
+        if progress.status is Status.SECONDS_SPENT:
+            said = f"{len(surveyed)} of {len(scene.views)} photos were looked at"
+            notes.append(f"{said} before `Limits.seconds`; raise it to look at all.")
     elif any(one.label != "found" for one in verdicts):
         worst = min(range(len(verdicts)), key=lambda number: verdicts[number].probability)
         notes.append(

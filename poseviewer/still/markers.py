@@ -1,7 +1,8 @@
-"""Cameras by ArUco and AprilTag markers that lie anywhere: the pictures tell their layout, too.
+"""Cameras by ArUco and AprilTag markers that lie anywhere: the pictures tell their layout, too,
+unless they are of a board that says it.
 
-The world is the frame of the marker that is seen most: its middle, x to its right, y to its upper
-edge, z towards who looks at it.
+The world is the board's, or the frame of the marker that is seen most: its middle, x to its right,
+y to its upper edge, z towards who looks at it.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
 from poseviewer.errors import SettingsError, list_names
+from poseviewer.files.marker_board import CORNERS, NO_BOARD, MarkerBoard
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import Undistortion
@@ -42,8 +44,12 @@ PRINTED = 250
 """Markers of a family by which it is told: all of thousands take seconds a picture."""
 MIN_SHARE = 0.6
 """Share of these pictures with two markers from which cameras are found by markers."""
-CORNERS = np.array([(-0.5, 0.5, 0.0), (0.5, 0.5, 0.0), (0.5, -0.5, 0.0), (-0.5, -0.5, 0.0)])
-"""Corners of a marker of side 1 in OpenCV's order, the upper left one first."""
+BORDERS = (0, 2, 1)
+"""Modules of a grid's black borders that are tried: Kalibr prints two; 0: no grid."""
+GRID_THRESHOLD = 15.0
+"""Levels by which black is darker than what is about it on a grid, on which squares that touch come
+apart so; OpenCV's own is 7.
+"""
 REFINEMENTS = 3
 """Times that corners are refined, each from where they were then."""
 MAX_SHIFT_PX = 3.0
@@ -82,6 +88,9 @@ ODD_SHARE = 0.5
 """Share of the median residual that is left without a marker that moved."""
 MAX_ODD = 12
 """Markers, those that are seen most, of which one may have moved."""
+MISFIT = 0.01
+"""Residual of the board's markers, in their side, from which it may be another: a print is truer.
+"""
 TRIED = 4
 """Markers whose poses are tried for a camera, and cameras for a marker's pose."""
 
@@ -123,7 +132,7 @@ def survey_markers(paths: Sequence[Path]) -> tuple[str, float]:
     first = [_first_ids(number) for number in FAMILIES.values()]
     any_family = cv2.aruco.ArucoDetector(first)
     family, several = "", 0
-    some = [paths[i] for i in np.unique(np.linspace(0, len(paths) - 1, SURVEYED).astype(int))]
+    some = _some(paths)
     pictures = Pictures(some)
     for index in range(len(some)):
         grey = pictures.read(index)
@@ -140,6 +149,11 @@ def survey_markers(paths: Sequence[Path]) -> tuple[str, float]:
     return family, several / len(some)
 
 
+def _some(paths: Sequence[Path]) -> list[Path]:
+    at = np.linspace(0, len(paths) - 1, SURVEYED).astype(int)
+    return [paths[index] for index in np.unique(at)]
+
+
 def _first_ids(number: int) -> cv2.aruco.Dictionary:
     """Return a dictionary of the first markers, which those who print some begin with."""
     whole = cv2.aruco.getPredefinedDictionary(number)
@@ -148,15 +162,33 @@ def _first_ids(number: int) -> cv2.aruco.Dictionary:
     )
 
 
-def detector_of(family: str) -> cv2.aruco.ArucoDetector:
-    """Return the detector of one of ``FAMILIES``."""
+def detector_of(family: str, border: int = 0) -> cv2.aruco.ArucoDetector:
+    """Return the detector of one of ``FAMILIES``; with the modules of a black border that of a
+    grid, in which black squares between the markers touch their corners.
+    """
     dictionary = cv2.aruco.getPredefinedDictionary(FAMILIES[family])
-    return cv2.aruco.ArucoDetector(dictionary)
+    detector = cv2.aruco.ArucoDetector(dictionary)
+    if border:
+        parameters = detector.getDetectorParameters()
+        parameters.markerBorderBits = border
+        parameters.adaptiveThreshConstant = GRID_THRESHOLD
+        parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_CONTOUR
+        detector.setDetectorParameters(parameters)
+    return detector
+
+
+def _detector_of_board(paths: Sequence[Path], family: str) -> cv2.aruco.ArucoDetector:
+    """Return the detector by which most markers are found in some of the pictures."""
+    pictures = Pictures(_some(paths))
+    greys = [grey for i in range(len(pictures.paths)) if (grey := pictures.read(i)) is not None]
+    detectors = [detector_of(family, border) for border in BORDERS]
+    counts = [sum(len(one.detectMarkers(grey)[0]) for grey in greys) for one in detectors]
+    return detectors[int(np.argmax(counts))]
 
 
 def place_by_markers(
     tell: Tell, paths: Sequence[Path], known: Perspective | Undistortion | None, family: str,
-    marker_size: float | None,
+    marker_size: float | None, board: MarkerBoard = NO_BOARD,
 ) -> Placement:  # fmt: skip
     """Find the cameras of pictures.
 
@@ -165,7 +197,9 @@ def place_by_markers(
         paths: the pictures.
         known: their camera, with its lens; None: found with them.
         family: one of ``FAMILIES``.
-        marker_size: side of the markers, black edge to black edge; None: lengths are in sides.
+        marker_size: side of the markers, black edge to black edge; None: lengths are in sides, or
+            in the board's unit.
+        board: places of some of the markers.
 
     Raises:
         SettingsError: too few pictures show markers.
@@ -173,8 +207,9 @@ def place_by_markers(
     pictures, notes = Pictures(paths, known), list[str]()
     found = dict[int, dict[int, FloatArray]]()
     twice = dict[int, list[str]]()
-    detector = detector_of(family)
-    module_share = 1.0 / (detector.getDictionary().markerSize + 2)
+    detector = _detector_of_board(paths, family) if board.places else detector_of(family)
+    border = detector.getDetectorParameters().markerBorderBits
+    module_share = 1.0 / (detector.getDictionary().markerSize + 2 * border)
     for index, path in enumerate(paths):
         tell(f"markers {index + 1} of {len(paths)}")
         grey = pictures.read(index)
@@ -199,7 +234,18 @@ def place_by_markers(
     if len(found) < MIN_PICTURES:
         wanted = "wanted two or more: whole, unmirrored, with a white margin"
         raise SettingsError(f"{len(found)} of {len(paths)} pictures show markers; {wanted}.")
-    return _MarkerLayout(tell, pictures, found, notes).placement(marker_size)
+    layout = _MarkerLayout(tell, pictures, found, notes, _as_seen(board))
+    return layout.placement(marker_size)
+
+
+def _as_seen(board: MarkerBoard) -> MarkerBoard:
+    """Return a board with its markers' frames as OpenCV has them, whose AprilTags lie on their
+    heads.
+    """
+    if not board.family.startswith("AprilTag"):
+        return board
+    turn = RigidTransform(np.diag([-1.0, -1.0, 1.0]), np.zeros(3))
+    return replace(board, places={number: at @ turn for number, at in board.places.items()})
 
 
 Line = tuple[FloatArray, FloatArray]
@@ -264,11 +310,11 @@ class _MarkerLayout:
 
     def __init__(
         self, tell: Tell, pictures: Pictures, found: Mapping[int, Mapping[int, FloatArray]],
-        notes: list[str],
+        notes: list[str], board: MarkerBoard,
     ) -> None:  # fmt: skip
-        self.tell, self.pictures, self.notes = tell, pictures, notes
+        self.tell, self.pictures, self.notes, self.board = tell, pictures, notes, board
         counts = Counter(number for own in found.values() for number in own)
-        once = {number for number, count in counts.items() if count == 1}
+        once = {number for number, count in counts.items() if count == 1} - board.places.keys()
         found = self._connected({
             index: {number: pixels for number, pixels in own.items() if number not in once}
             for index, own in found.items()
@@ -285,6 +331,15 @@ class _MarkerLayout:
         views, markers, pixels = zip(*rows, strict=True)
         self.seen = _Seen(np.array(views), np.array(markers), np.array(pixels))
         self.groups = np.array([pictures.camera_of[index] for index in self.indices])
+        self.known = np.full((len(self.numbers), 7), np.nan)
+        """(k, 7): markers of the board, as of ``_Solution``; nan: others."""
+        self.side = float(np.median([*board.sides.values()])) if board.sides else 1.0
+        """Length of the world's unit in the board's."""
+        for number in at.keys() & board.places.keys():
+            place, size = board.places[number], board.sides[number] / self.side
+            pose = place.as_rotation_vector(), place.translation / self.side, [np.log(size)]
+            self.known[at[number]] = np.concatenate(pose)
+        self.is_known = ~np.isnan(self.known[:, 0])
 
     def _connected(
         self, found: Mapping[int, Mapping[int, FloatArray]]
@@ -293,17 +348,29 @@ class _MarkerLayout:
         alone = [index for index, own in found.items() if not own]
         self.pictures.left_out |= dict.fromkeys(alone, "its markers are in no other picture")
         indices = [index for index, own in found.items() if own]
-        numbers = sorted({number for index in indices for number in found[index]})
+        places = self.board.places
+        # Markers of the board hang together: all are as the first.
+        nodes = {
+            index: {min(places) if number in places else number for number in found[index]}
+            for index in indices
+        }
+        numbers = sorted(set[int]().union(*nodes.values()))
         if len(indices) < MIN_PICTURES:
             wanted = "wanted two pictures or more with a marker in common"
             raise SettingsError(f"{len(alone)} pictures show markers, no two the same; {wanted}.")
-        links = [(i, numbers.index(n)) for i, index in enumerate(indices) for n in found[index]]
+        links = [(i, numbers.index(n)) for i, index in enumerate(indices) for n in nodes[index]]
         rows, columns = np.array(links).T
         size = len(indices) + len(numbers)
         graph = coo_matrix((np.ones(len(links)), (rows, columns + len(indices))), (size, size))
         labels = connected_components(graph, directed=False)[1][: len(indices)]
         groups = [np.flatnonzero(labels == label) for label in dict.fromkeys(labels.tolist())]
         groups.sort(key=len, reverse=True)
+        if places:
+            with_board = [i for i, index in enumerate(indices) if min(places) in nodes[index]]
+            if len(with_board) < MIN_PICTURES:
+                wanted = "wanted two or more: is it this board?"
+                raise SettingsError(f"{len(with_board)} pictures show the board; {wanted}")
+            groups.sort(key=lambda group: labels[group[0]] != labels[with_board[0]])
         for group in groups[1:]:
             names = [self.pictures.paths[indices[i]].name for i in group]
             said = f"{len(groups[0])} pictures hang together, {len(group)} others among themselves"
@@ -342,12 +409,12 @@ class _MarkerLayout:
         """Place cameras by known markers and markers by known cameras, from the marker that is seen
         most on; then all again by all.
         """
-        shape = len(self.indices), len(self.numbers)
-        views, markers = np.full((shape[0], 6), np.nan), np.full((shape[1], 7), np.nan)
+        views, markers = np.full((len(self.indices), 6), np.nan), self.known.copy()
+        if not self.is_known.any():
+            markers[seen.markers.min()] = 0.0
+        others = np.flatnonzero(np.isnan(markers[:, 0]))
         solution = _Solution(cameras, np.zeros(len(cameras)), views, markers)
         candidates = {row: self._candidates(solution, seen, row) for row in range(len(seen.views))}
-        first = int(seen.markers.min())
-        markers[first] = 0.0
         for _ in range(ROUNDS):
             todo = set(seen.views.tolist())
             while todo:
@@ -362,7 +429,7 @@ class _MarkerLayout:
                     views[view] = self._camera_at(solution, seen, rows, candidates)
                 for marker in np.unique(seen.markers[~known]):
                     self._place_marker(solution, seen, marker, candidates)
-            for marker in range(first + 1, shape[1]):
+            for marker in others.tolist():
                 self._place_marker(solution, seen, marker, candidates)
         return solution
 
@@ -475,9 +542,10 @@ class _MarkerLayout:
         is_free = self.pictures.pinhole is None
         of_lens = 2 * len(solution.cameras) if is_free else 0
         of_views = of_lens + 6 * len(views)
-        # The first marker is the world, of which the size alone is searched for.
         free = np.ones((len(markers), 7), bool)
-        free[0, :6] = False
+        free[self.is_known[markers]] = False
+        if not self.is_known.any():  # the first is the world, of which the size alone is found
+            free[0, :6] = False
         columns = np.where(free, of_views + np.cumsum(free).reshape(free.shape) - 1, -1)
         longest = np.array([max(one.width, one.height) for one in solution.cameras])
 
@@ -529,13 +597,14 @@ class _MarkerLayout:
         """Leave out markers without which the others fit better by far, and say so."""
         while True:
             markers = np.unique(seen.markers)
+            others = markers[~self.is_known[markers]][:MAX_ODD]
             usual = float(np.median(self._residuals(solution, seen)))
-            if usual < GOOD_PX or len(markers) <= 2:
+            if usual < GOOD_PX or len(markers) <= 2 or not len(others):
                 return solution, seen
             views = np.unique(seen.views)
             some = seen.where(np.isin(seen.views, views[:: -(-len(views) // GUESSING)]))
             left = dict[int, float]()
-            for marker in markers[:MAX_ODD].tolist():
+            for marker in others.tolist():
                 rest = some.where(some.markers != marker)
                 tried = self._solve(solution, rest, steps=FEW_STEPS)
                 left[marker] = float(np.median(self._residuals(tried, rest)))
@@ -571,13 +640,16 @@ class _MarkerLayout:
         markers = np.unique(seen.markers)
         sizes = solution.markers[markers, 6]
         other = _is_of_other_size(sizes)
-        usual = float(np.exp(np.mean(sizes[~other])))
+        usual = 1.0 if self.board.places else float(np.exp(np.mean(sizes[~other])))
         for marker, size in zip(markers[other], sizes[other], strict=True):
-            ratio = float(np.exp(size)) / usual
-            said = f"marker {self.numbers[marker]} has {ratio:.2f} times the side of most"
-            notes.append(f"{said}, which the given size is taken for.")
+            if not self.board.places:
+                ratio = float(np.exp(size)) / usual
+                said = f"marker {self.numbers[marker]} has {ratio:.2f} times the side of most"
+                notes.append(f"{said}, which the given size is taken for.")
         residuals = self._residuals(solution, seen)
-        scale = (marker_size or 1.0) / usual
+        notes += self._misfit(residuals, seen)
+        has_unit = self.board.unit is not None
+        scale = self.side if has_unit else (marker_size or 1.0) / usual
         placed = dict[int, Placed]()
         for view, index in enumerate(self.indices):
             own, pose = residuals[seen.views == view], solution.views[view]
@@ -588,10 +660,20 @@ class _MarkerLayout:
             group = self.groups[view]
             camera, bend = solution.cameras[group], float(solution.bends[group])
             placed[index] = pictures.placed(camera, (bend,), place, float(np.median(own)))
-        is_known = marker_size is not None
+        is_known = has_unit or marker_size is not None
         return Placement(
             placed, pictures.left_out, pictures.sha256s, pictures.focals_px, is_known, tuple(notes)
         )
+
+    def _misfit(self, residuals: FloatArray, seen: _Seen) -> list[str]:
+        """Say that the board does not fit what is seen of it."""
+        own = self.is_known[seen.markers]
+        sides = np.linalg.norm(seen.pixels[:, 0] - seen.pixels[:, 1], axis=1)
+        share = float(np.nanmedian((residuals / sides[:, None])[own])) if own.any() else 0.0
+        if share < MISFIT:
+            return []
+        found = f"the board's markers are {100.0 * share:.0f} % of their side beside where it says"
+        return [f"{found}: are its numbers those of this print?"]
 
 
 def _is_of_other_size(sizes: FloatArray) -> NDArray[np.bool_]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from poseviewer.errors import SettingsError, list_names
 from poseviewer.files.image_sequence import ImageSequence
+from poseviewer.files.marker_board import NO_BOARD, MarkerBoard
 from poseviewer.files.scene_assets import view_of_file
 from poseviewer.geometry.camera import Perspective
 from poseviewer.geometry.lens import Undistortion
@@ -109,6 +110,7 @@ def find_cameras(
     camera: Perspective | Undistortion | None = None,
     marker_size: float | None = None,
     unit: str | None = None,
+    board: MarkerBoard = NO_BOARD,
 ) -> Iterator[str | StillCameras]:
     """Find where cameras stood, in a process of its own, which ends when the iteration is closed.
 
@@ -119,6 +121,7 @@ def find_cameras(
             length is where the search for it begins.
         marker_size: side of the markers, black edge to black edge.
         unit: of ``marker_size``.
+        board: where some of the markers are, on a board whose frame is the world then.
 
     Yields:
         lines on how far it is, and at last the cameras.
@@ -135,8 +138,14 @@ def find_cameras(
         raise SettingsError("a size of markers with features, which need none; leave it out.")
     if unit is not None and marker_size is None:
         raise SettingsError("a unit without the markers' size, which it is of; give both.")
+    if board.places and by == "features":
+        raise SettingsError("a board of markers with features, which need none; leave it out.")
+    if board.unit is not None:
+        if marker_size is not None:
+            raise SettingsError("a size of markers with a board that says it; leave the size out.")
+        unit = board.unit
     with TemporaryDirectory(prefix="poseviewer-") as folder:
-        given = paths, by, camera, marker_size, Path(folder)
+        given = paths, by, camera, marker_size, Path(folder), board
         try:
             found = yield from iterate_in_subprocess(place_pictures, *given)
         except subprocess.CalledProcessError:
@@ -147,11 +156,11 @@ def find_cameras(
 
 def place_pictures(
     tell: Tell, paths: Sequence[Path], by: By, camera: Perspective | Undistortion | None,
-    marker_size: float | None, folder: Path,
+    marker_size: float | None, folder: Path, board: MarkerBoard = NO_BOARD,
 ) -> FoundCameras:  # fmt: skip
     """Find the cameras, as ``find_cameras``, telling lines; ``folder``: an empty one."""
-    family = ""
-    if by != "features":
+    family, by = board.family, "markers" if board.places else by
+    if by != "features" and not family:
         tell("looking for markers")
         family, share = survey_markers(paths)
         if by == "markers" and not family:
@@ -163,7 +172,8 @@ def place_pictures(
         found = "a size of markers is given, and too few pictures show two markers or more"
         raise SettingsError(f"{found}; leave it out, or choose markers.")
     if family:
-        return FoundCameras("markers", place_by_markers(tell, paths, camera, family, marker_size))
+        placement = place_by_markers(tell, paths, camera, family, marker_size, board)
+        return FoundCameras("markers", placement)
     return FoundCameras("features", place_by_features(tell, paths, camera, folder))
 
 

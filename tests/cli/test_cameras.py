@@ -21,6 +21,7 @@ from tests.moving import ball, box, sequence, write_sequence
 from tests.several import save_model
 from tests.still_scene import CAMERA, MARKER, MARKERS, arc, draw, errors, room, write_pictures
 from tests.videos import write_pictures as write_film
+from tests.writing import write
 
 CAMERAS = arc(4, 30.0)
 
@@ -97,7 +98,9 @@ def test_an_object_that_was_followed_gives_the_cameras(tmp_path, capsys):
 
 def test_what_cannot_be_is_refused_in_a_sentence(pictures, tmp_path, capsys):
     def refused(*words: object) -> str:
-        return refusal(capsys, "cameras", "--out", tmp_path / "set", *words)
+        said = refusal(capsys, "cameras", "--out", tmp_path / "new" / "set", *words)
+        assert not (tmp_path / "new").exists()
+        return said
 
     assert "no picture in it" in refused(tmp_path)
     save_image(tmp_path / "one.png", np.zeros((20, 20, 3), np.uint8))
@@ -107,4 +110,11 @@ def test_what_cannot_be_is_refused_in_a_sentence(pictures, tmp_path, capsys):
     assert "--unit yd: wanted one of km, m" in refused(pictures, "--unit", "yd")
     assert "without the markers' size" in refused(pictures, "--unit", "m")
     assert "markers with features" in refused(pictures, "--by", "features", "--marker-size", 1)
-    assert not (tmp_path / "set" / "set.json").exists()
+    grid = {"tagCols": 6, "tagRows": 6, "tagSize": 0.08, "tagSpacing": 0.3}
+    board = write(tmp_path / "grid.json", grid)
+    assert "with features" in refused(pictures, "--by", "features", "--board", board)
+    assert "the size out" in refused(pictures, "--board", board, "--marker-size", 1)
+    assert "no board of markers" in refused(pictures, "--board", write(board, {}))
+    (tmp_path / "mine").mkdir()
+    assert "1 picture" in refusal(capsys, "cameras", tmp_path, "--out", tmp_path / "mine")
+    assert (tmp_path / "mine").is_dir()

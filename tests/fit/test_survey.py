@@ -2,20 +2,27 @@
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 
 from poseviewer.confidence.verdict import Features
+from poseviewer.fit import judge as judging
+from poseviewer.fit import search as searching
+from poseviewer.fit import view_choice
 from poseviewer.fit.judge import MAX_PROBED
 from poseviewer.fit.problem import make_problem, views_that_show
+from poseviewer.fit.progress import SearchProgress, Status
 from poseviewer.fit.search import Search
+from poseviewer.fit.stages import Stage, make_stages
 from poseviewer.fit.survey import SurveyedView, join, survey, with_residuals
 from poseviewer.fit.view_choice import MAX_SEARCHED, choose_views, directions_in_model
 from poseviewer.fit.view_results import results_by_view
 from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.transform import RigidTransform, Similarity
+from poseviewer.optimise.protocol import State
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.scene.assets import ModelFile, PhotoFile
 from poseviewer.scene.types import InView, PlacedModel, Scene, SceneObject, View
@@ -137,9 +144,6 @@ def test_a_wrong_camera_is_named_and_moves_nothing():
     assert end.verdict is not None
     assert end.verdict.label == "found"
     assert len(end.problem.views) == MAX_SEARCHED > MAX_PROBED
-    assert end.covariance is not None
-    joined = end.covariance.pose.project(MESH.vertices)
-    assert end.pose.project(MESH.vertices) == pytest.approx(joined, abs=1e-6)
     right = [px for index, px in enumerate(errors_px(search.scene)) if index != WRONG]
     assert max(right) < 0.5
     assert result is not None
@@ -160,3 +164,82 @@ def test_a_wrong_camera_is_named_and_moves_nothing():
     # Left out, it is not looked at.
     in_views = tuple(InView(is_compared=index != WRONG) for index in range(COUNT))
     assert WRONG not in views_that_show(now.scene.with_object(0, in_views=in_views), 0)
+
+
+AWAY = 0.05
+"""By how much the model starts too far away in the first photo."""
+SEARCHED = 3
+
+
+def stay(objective, x0, _scale, _options, _seed=0):
+    """Minimise by the start alone."""
+    (value,) = objective([x0])
+    yield State(x0, value, x0[None], np.array([value]), converged=True)
+
+
+def at_start(*about) -> tuple[Stage, ...]:
+    return (replace(make_stages(*about)[-1], minimise=stay),)
+
+
+@pytest.fixture
+def end_of(monkeypatch):
+    """Ends a search that stays at its start in three of four photos, after a look at all of them,
+    or at those before which the time was over.
+    """
+    monkeypatch.setattr(searching, "MAX_SEARCHED", SEARCHED)
+    monkeypatch.setattr(view_choice, "MAX_SEARCHED", SEARCHED)
+    monkeypatch.setattr(judging, "MAX_PROBED", 1)
+
+    def end_of(looks: int = COUNT, **changes: Any) -> SearchProgress:
+        scene = make_scene()
+        start = scene.pose(0).camera_from_model
+        away = np.array([0.0, 0.0, AWAY])
+        start = replace(start, translation=start.translation + away)
+        scene = replace(scene, views=scene.views[:8:2]).with_pose(0, Pose(CAMERA, start), 0)
+        settings = replace(scene.objects[0].settings, **changes)
+        renderers = {0: SoftwareRenderer(MESH)}
+        search = Search(scene.with_object(0, settings=settings), renderers, stages=at_start)
+        for now in search.run():
+            is_look = now.progress.status is Status.RUNNING and now.progress.verdict is not None
+            looks -= is_look
+            if looks == 1:  # the time is over at the next look
+                search._began -= now.settings.limits.seconds
+        return now
+
+    return end_of
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_the_pose_by_all_views_has_their_depth(end_of):
+    end = end_of().progress
+    assert [view.view_index for view in end.surveyed] == [0, 1, 2, 3]
+    assert end.parameters[5] == pytest.approx(-AWAY / DISTANCE, rel=0.2)
+    joined = end.covariance.pose.project(MESH.vertices)
+    assert end.pose.project(MESH.vertices) == pytest.approx(joined, abs=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_locked_parameters_stay_after_the_look_at_all_views(end_of):
+    end = end_of(lock=("shift_x", "rotation_y")).progress
+    assert len(end.surveyed) == 4
+    assert end.parameters[[1, 3]] == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.long
+@pytest.mark.parametrize("looks", [2, 3])
+def test_the_time_limit_ends_the_look_at_further_views(end_of, looks):
+    now = end_of(looks)
+    end = now.progress
+    assert end.status is Status.SECONDS_SPENT
+    if looks < SEARCHED:  # they tell less than the search
+        assert end.surveyed == ()
+        assert np.array_equal(end.parameters, end.problem.start)
+        assert len(end.verdict.views) == SEARCHED
+    else:
+        seen = [view.view_index for view in end.surveyed]
+        assert seen == [view.view_index for view in end.problem.views]
+        assert not np.array_equal(end.parameters, end.problem.start)
+        assert now.scene.objects[0].result.notes[-1].startswith("3 of 4 photos were looked at")

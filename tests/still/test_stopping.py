@@ -12,7 +12,9 @@ import psutil
 import pytest
 
 from poseviewer.errors import SettingsError
+from poseviewer.files.scene_json import load_scene
 from poseviewer.still.still_cameras import find_cameras
+from tests.commands import run
 from tests.ctrl_c import ctrl_c_ends_them
 from tests.still_scene import MARKERS, arc, write_pictures
 
@@ -46,10 +48,13 @@ def test_closing_the_iteration_ends_the_process_at_any_line(pictures, tmp_path, 
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C of one process alone")
-@pytest.mark.parametrize("after_s", [0.3, 1.5, 3.0])
+@pytest.mark.parametrize(
+    ("by", "after_s"), [("features", 0.3), ("features", 3.0), ("markers", 0.3)]
+)
 def test_ctrl_c_ends_the_command_without_a_set_and_the_command_can_be_given_again(
-    pictures, tmp_path, after_s
+    pictures, tmp_path, by, after_s
 ):
     out, scratch = tmp_path / "set", tmp_path / "scratch"
     scratch.mkdir()
@@ -58,7 +63,7 @@ def test_ctrl_c_ends_the_command_without_a_set_and_the_command_can_be_given_agai
     environment = {**os.environ, "TMPDIR": str(scratch)}
     with ctrl_c_ends_them():
         command = subprocess.Popen(
-            [*map(str, words), "--by", "features"], stderr=subprocess.PIPE, text=True,
+            [*map(str, words), "--by", by], stderr=subprocess.PIPE, text=True,
             env=environment,
         )  # fmt: skip
         own = psutil.Process(command.pid)
@@ -72,8 +77,10 @@ def test_ctrl_c_ends_the_command_without_a_set_and_the_command_can_be_given_agai
     assert command.returncode == 130
     assert said.splitlines()[-1].startswith("poseviewer: stopped; no set was written")
     assert not [child for child in children if child.is_running() and child.status() != "zombie"]
-    assert not (out / "set.json").exists()
+    assert not out.exists()
     assert not [*scratch.iterdir()]
+    assert run("cameras", folder, "--out", out, "--by", by, "--quiet") == 0
+    assert len(load_scene(out / "set.json").views) == len(pictures)
 
 
 def test_one_picture_is_too_few(pictures):
