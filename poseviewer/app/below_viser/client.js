@@ -635,6 +635,13 @@ const isOpen = (step) => tabOf(step)?.ariaSelected === "true";
 function openStep(step) {
   sessionStorage.setItem("step", step); // a page that is loaded again opens it
   tabOf(step)?.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter", bubbles: true }));
+// A button over the photo presses the one of a step, by its label.
+addEventListener("click", (event) => {
+  const label = event.target.closest?.("[data-presses]")?.dataset.presses;
+  const buttons = label ? [...document.querySelectorAll("button")] : [];
+  buttons.find((button) => button.textContent.trim() === label)?.click();
+});
+
   tabOf(step)?.click();
   return isOpen(step);
 }
