@@ -2,6 +2,7 @@
 page says of them.
 """
 
+import re
 import shutil
 from collections.abc import Iterator
 from dataclasses import replace
@@ -138,6 +139,29 @@ def test_what_cannot_be_used_is_one_sentence_and_nothing_is_lost(page: AppPage, 
         page.drop_files([path])
         page.wait_for_text(words)
     page.wait_for_text("1,280 triangles")
+
+
+@pytest.mark.long
+def test_an_upload_says_its_share_and_the_time_that_is_left(
+    browser: Browser, scene: Scene, tmp_path: Path
+):
+    fast = "{ const now = performance.now.bind(performance); performance.now = () => 50 * now(); }"
+    said = """window.said = []; new MutationObserver((changes) => changes.forEach((change) =>
+        window.said.push(change.target.dataset.said))).observe(document.body,
+        { subtree: true, attributes: true, attributeFilter: ["data-said"] })"""
+    path = tmp_path / "large.jpg"
+    with path.open("wb") as file:
+        file.truncate(30_000_000)
+    with (
+        running_app(scene, tmp_path / "state") as app,
+        AppPage(browser, app.url, before=fast) as tab,
+    ):
+        tab.page.evaluate(said)
+        tab.drop_files([path])
+        tab.wait_for_text("large.jpg: ")
+        texts = tab.page.evaluate("window.said")
+    assert all(re.match(r"\d+ %", text) for text in texts)
+    assert any(re.search(r"\d %, \d+ (s|min) left$", text) for text in texts)
 
 
 @pytest.mark.long
