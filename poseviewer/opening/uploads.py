@@ -23,7 +23,7 @@ from msgspec import Meta
 from poseviewer.errors import FileSetError, printable
 from poseviewer.files.checks import InputFile
 from poseviewer.files.mesh.load import READERS
-from poseviewer.files.mesh.named import bare_name
+from poseviewer.files.mesh.named import bare_name, plain_name
 from poseviewer.files.photo import ENDINGS
 from poseviewer.files.state.session_file import files_of_sessions
 from poseviewer.files.video import VIDEOS
@@ -71,6 +71,16 @@ def keep_set(folder: Path, data: bytes) -> Path:
     files = _unpack(data)
     shown = display_name(files[0][0]) if len(files) == 1 else f"{len(files)} files"
     return _keep(folder, data, files, shown)
+
+
+def call_missing(data: bytes, missing: Sequence[str]) -> bytes:
+    """Files as a page sent them; a sole one, unless it is ``missing``, is called as the first that
+    is.
+    """
+    files = _unpack(data)
+    is_known = {plain_name(name) for name, _ in files} & {*map(plain_name, missing)}
+    is_other = len(files) == 1 and missing and not is_known
+    return pack([(missing[0], bytes(files[0][1]))]) if is_other else data
 
 
 def keep_zip(folder: Path, path: Path) -> Path:

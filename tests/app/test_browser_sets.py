@@ -2,8 +2,10 @@
 page says of them.
 """
 
+import re
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,6 +13,7 @@ from playwright.sync_api import Browser
 
 from tests.app.app_process import AppProcess
 from tests.app.browser import AppPage
+from tests.app.running_app import running_app
 from tests.scene import Scene, make_scene
 from tests.textured import write_gltf, write_obj
 from tests.writing import write
@@ -100,6 +103,25 @@ def test_a_missing_texture_is_asked_for_and_taken_when_it_comes(
     back_to_the_scene(page)
 
 
+def test_the_hint_takes_a_missing_texture_under_any_name(
+    browser: Browser, scene: Scene, tmp_path: Path
+):
+    files = replace(scene, model=write_obj(tmp_path, "oak.png"))
+    with (
+        running_app(files, tmp_path / "state", has_start=False) as app,
+        AppPage(browser, app.url) as tab,
+    ):
+        with tab.page.expect_file_chooser() as chooser:
+            tab.page.locator(".pv-hint").get_by_role("button", name="Add it ...").click()
+        chooser.value.set_files(str(shutil.copy(scene.photo, tmp_path / "IMG 1.png")))
+        tab.page.locator(".pv-hint button").wait_for(state="detached")
+        tab.open_step(1)
+        assert_textured(tab, "quad.obj")
+        assert tab.page.get_by_role("button", name="Missing texture").count() == 0
+        tab.page.keyboard.press("z")
+        tab.page.get_by_role("button", name="Missing texture").wait_for()
+
+
 def test_what_cannot_be_used_is_one_sentence_and_nothing_is_lost(page: AppPage, tmp_path: Path):
     bad = tmp_path / "bad.zip"
     bad.write_bytes(b"PK")
@@ -117,6 +139,29 @@ def test_what_cannot_be_used_is_one_sentence_and_nothing_is_lost(page: AppPage, 
         page.drop_files([path])
         page.wait_for_text(words)
     page.wait_for_text("1,280 triangles")
+
+
+@pytest.mark.long
+def test_an_upload_says_its_share_and_the_time_that_is_left(
+    browser: Browser, scene: Scene, tmp_path: Path
+):
+    fast = "{ const now = performance.now.bind(performance); performance.now = () => 50 * now(); }"
+    said = """window.said = []; new MutationObserver((changes) => changes.forEach((change) =>
+        window.said.push(change.target.dataset.said))).observe(document.body,
+        { subtree: true, attributes: true, attributeFilter: ["data-said"] })"""
+    path = tmp_path / "large.jpg"
+    with path.open("wb") as file:
+        file.truncate(30_000_000)
+    with (
+        running_app(scene, tmp_path / "state") as app,
+        AppPage(browser, app.url, before=fast) as tab,
+    ):
+        tab.page.evaluate(said)
+        tab.drop_files([path])
+        tab.wait_for_text("large.jpg: ")
+        texts = tab.page.evaluate("window.said")
+    assert all(re.match(r"\d+ %", text) for text in texts)
+    assert any(re.search(r"\d %, \d+ (s|min) left$", text) for text in texts)
 
 
 @pytest.mark.long

@@ -48,6 +48,18 @@ def keep(folder: Path, files: Mapping[str, bytes]) -> Path:
     return keep_set(folder, pack(files.items()))
 
 
+def test_a_picture_of_another_name_is_taken_for_the_one_that_is_missing() -> None:
+    missing = ["Oak.png", "elm.png"]
+    for names, kept in (
+        (["photo 1.png"], ["Oak.png"]),
+        (["ELM.png"], ["ELM.png"]),
+        (["a.png", "b.png"], ["a.png", "b.png"]),
+    ):
+        sent = pack((name, b"x") for name in names)
+        assert u.call_missing(sent, missing) == pack((name, b"x") for name in kept)
+    assert u.call_missing(pack([("a.png", b"x")]), []) == pack([("a.png", b"x")])
+
+
 def below(folder: Path) -> list[str]:
     return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file())
 

@@ -546,6 +546,19 @@ function sendFiles(input, files) {
   input.dispatchEvent(new Event("change", { bubbles: true }));
 }
 
+// viser's notices of uploads show a bar: they also say the share, and the time that is left.
+const SOME_MS = 2000; // after which a pace is known
+const begun = {}; // times of uploads' first notices, ms, by their ids
+function sayUploads() {
+  for (const progress of document.querySelectorAll("[id^='upload-'] [role=progressbar]")) {
+    const [notice, share] = [progress.closest("[id^='upload-']"), progress.ariaValueNow / 100];
+    const spent = performance.now() - (begun[notice.id] ??= performance.now());
+    const left = Math.ceil((spent / 1000 / share) * (1 - share));
+    const time = left < 60 ? `${left} s` : `${Math.round(left / 60)} min`;
+    notice.dataset.said = `${Math.round(100 * share)} %` + (spent > SOME_MS && share ? `, ${time} left` : "");
+  }
+}
+
 // Let the browser's file chooser take several files, or a folder.
 addEventListener("click", (event) => {
   const input = event.target;
@@ -635,6 +648,13 @@ const isOpen = (step) => tabOf(step)?.ariaSelected === "true";
 function openStep(step) {
   sessionStorage.setItem("step", step); // a page that is loaded again opens it
   tabOf(step)?.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter", bubbles: true }));
+// A button over the photo presses the one of a step, by its label.
+addEventListener("click", (event) => {
+  const label = event.target.closest?.("[data-presses]")?.dataset.presses;
+  const buttons = label ? [...document.querySelectorAll("button")] : [];
+  buttons.find((button) => button.textContent.trim() === label)?.click();
+});
+
   tabOf(step)?.click();
   return isOpen(step);
 }
@@ -878,7 +898,10 @@ function watch() {
     if (!viewer.camera.view?.enabled || !isAsWas) applyView();
     drawSheet();
     labelPlots();
-    if (state.frames % LAYOUT_FRAMES === 0) greyIdle();
+    if (state.frames % LAYOUT_FRAMES === 0) {
+      greyIdle();
+      sayUploads();
+    }
     gone.hidden = viewer.sendMessage === sendMessage;
     viewer.canvas.style.cursor = cursorOf();
     if (!state.step || tabOf(state.step)) state.frames += 1;

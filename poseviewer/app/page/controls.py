@@ -266,7 +266,9 @@ class Controls:
         icon: Any,
         adds: bool = False,
         accepted: str = "",
-        hint: str | None = None,
+        missing: Callable[[Session], Sequence[str]] = lambda _: (),
+        visible: Read | None = None,
+        **options: Any,
     ) -> None:
         """A button that takes files of a kind, or (None) a folder, and what is dropped.
 
@@ -276,15 +278,20 @@ class Controls:
             icon: name of its picture.
             adds: whether models are further objects.
             accepted: endings that the file chooser offers, by default those of the kind.
-            hint: tooltip.
+            missing: gives names of files that the open model misses; any other is taken for the
+                first of them.
+            visible: whether it is shown.
+            options: further properties of the button.
         """
         accepted = accepted or ("folder" if kind is None else ",".join(ACCEPTED[kind]))
-        options: Any = {"mime_type": accepted, "icon": icon, "color": "gray", "hint": hint}
-        handle = self.gui.add_upload_button(label, **options)
+        constant: Any = {"mime_type": accepted, "icon": icon, "color": "gray", **options}
+        with self.gui.add_folder(None) as folder:  # viser hides folders, but not such buttons
+            handle = self.gui.add_upload_button(label, **constant)
+        self.add(folder, visible=visible)
 
         def request(client: int) -> Request:
-            file = take_upload(handle)
-            return upload(kind, file.name, file.content, adds, self.lens_model(), client)
+            file, names, lens = take_upload(handle), missing(self.session), self.lens_model()
+            return upload(kind, file.name, file.content, adds, lens, client, names)
 
         self._on(handle.on_upload, request)
 

@@ -16,6 +16,7 @@ from poseviewer.app.page.result import ABOUT, unit_of
 from poseviewer.app.page.status import FIRST, status_html
 from poseviewer.app.page.strip import proposals_row
 from poseviewer.app.page.texts import (
+    TEXTURE_BUTTON,
     ends_table,
     files_text,
     marks_text,
@@ -53,7 +54,9 @@ from poseviewer.app.state.session import Session
 from poseviewer.app.workers.exporting import CONVERTED, OF_FRAMES, WITH_NUMBERS
 from poseviewer.app.workers.tasks import Request, download, find_wheels_in_region, paint_active
 from poseviewer.files.camera_trees import TREES
+from poseviewer.files.mesh.named import missing_textures
 from poseviewer.files.mesh.size import METRES
+from poseviewer.files.photo import ENDINGS
 from poseviewer.fit.progress import SearchProgress
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.camera import Parallel
@@ -138,6 +141,9 @@ def add_opening(controls: Controls) -> None:
     controls.text(files_text)
     controls.upload("Photo ...", "photo", "photo")
     controls.upload("Model ...", "model", "cube")
+    missing = lambda s: missing_textures(s.document.mesh.notes)  # noqa: E731
+    options: Any = {"missing": missing, "visible": lambda s: bool(missing(s))}
+    controls.upload(TEXTURE_BUTTON, "model", "photo-plus", accepted=",".join(ENDINGS), **options)
     controls.upload("Folder ...", None, "folder-open")
     controls.upload("Pose file ...", "pose", "file-import")
     with controls.gui.add_folder("Several objects", expand_by_default=False):

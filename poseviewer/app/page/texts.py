@@ -65,9 +65,12 @@ PLACE_HINT = (
     "<b>press where the object is</b>: the model goes there &nbsp;·&nbsp; <b>Fit to box</b> "
     "proposes starting poses"
 )
+TEXTURE_BUTTON = "Missing texture ..."
+"""Label of the button that takes it."""
 TEXTURE_HINT = (
-    "its texture <b>{}</b> is missing, by which it would be found: drop that on the page "
-    "&nbsp;·&nbsp; or {}"
+    "its texture <b>{}</b> is missing, by which it would be found: "
+    f'<button type="button" data-presses="{TEXTURE_BUTTON}">Add it ...</button>'
+    " &nbsp;·&nbsp; or {}"
 )
 """Hint where the model names a picture that is not there."""
 SIZE_HINT = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -44,7 +44,13 @@ from poseviewer.geometry.image import Photo
 from poseviewer.geometry.lens import LensModel
 from poseviewer.opening.scenes import notes_of
 from poseviewer.opening.sources import Kind, Sources, files_below, sort_set
-from poseviewer.opening.uploads import MAX_UPLOAD_BYTES, display_name, gather, keep_set
+from poseviewer.opening.uploads import (
+    MAX_UPLOAD_BYTES,
+    call_missing,
+    display_name,
+    gather,
+    keep_set,
+)
 from poseviewer.starts.start import StartInputs
 from poseviewer.starts.wheels import likely_wheels
 
@@ -191,6 +197,7 @@ def upload(
     adds: bool = False,
     lens_model: LensModel | None = None,
     client: int = -1,
+    missing: Sequence[str] = (),
 ) -> QueuedTask:
     """Store files that a page sent together, and open them; ask first how many frames of a long
     video are taken, and where a pose would be replaced that is in no file.
@@ -202,6 +209,7 @@ def upload(
         adds: whether models become further objects.
         lens_model: OpenCV's lens model, if the file of cameras does not name one.
         client: id of the page's client.
+        missing: names of files that the open model misses; any other is taken for the first.
     """
     working = f"Reading {name[:60]} ..."
 
@@ -235,7 +243,8 @@ def upload(
         return lambda every: QueuedTask(partial(open_kept, root, every, False), working)
 
     def run(now: Session, state: Path, tell: Tell) -> TaskResult:
-        return open_kept(keep_set(state / "uploads", data), None, False, now, state, tell)
+        root = keep_set(state / "uploads", call_missing(data, missing))
+        return open_kept(root, None, False, now, state, tell)
 
     return QueuedTask(run, working, size=len(data))
 
@@ -244,6 +253,9 @@ def _loses_pose(now: Session, opened: Document, files: Sources) -> bool:
     """Whether what is opened replaces a pose that is in no file."""
     if not (now.is_unsaved and any(item.is_placed for item in now.document.scene.objects)):
         return False
+    is_model_alone = replace(files, models=(), unused=()) == Sources()
+    if is_model_alone and [model.path for model in files.models] == [now.document.model.path]:
+        return False  # it is completed, and keeps its pose
     shown, after = (
         ([view.path for view in d.scene.views], [item.model.path for item in d.scene.objects])
         for d in (now.document, opened)

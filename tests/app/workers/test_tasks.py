@@ -34,6 +34,7 @@ from tests.app.running_app import running_app
 from tests.app.state import edits as c
 from tests.app.state.documents import make_session, open_files
 from tests.scene import Scene
+from tests.textured import write_obj
 from tests.videos import write_video
 
 PATIENCE_S = 60.0
@@ -231,3 +232,17 @@ def test_maps_and_a_search_wait_for_what_was_asked_for(
         page.wait_until(lambda: begun < {*done})
     assert done[0] == asked
     assert sys.platform != "linux" or nice["maps"] > nice.get("search", 0)
+
+
+def test_a_missing_texture_of_any_name_completes_the_model_at_its_unsaved_pose(
+    tmp_path: Path, scene: Scene
+):
+    document = open_files(scene.photo, write_obj(tmp_path, "oak.png"), None)
+    session = Session(document.with_object(is_placed=True), saved=None)
+    picture = pack([("photo 1.png", scene.photo.read_bytes())])
+    task = upload("model", "photo 1.png", picture, missing=["oak.png"])
+    result = task.run(session, tmp_path, lambda *_: None)
+    assert result.question is None
+    completed = result.edits[0](session).document
+    assert len(completed.mesh.textures) == 1
+    assert completed.pose is document.pose
