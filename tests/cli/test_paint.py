@@ -92,6 +92,7 @@ def test_what_no_photo_shows_is_refused_in_a_sentence(tmp_path, capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_track_with_paint_finds_what_it_is_to_find_and_starts_chains_of_its_own(tmp_path, capsys):
     path, out = write_sequence(tmp_path, sequence({0: [ball(0)]}, count=3)), tmp_path / "out"
     words = "track", path, "--out", out, "--processes", 1

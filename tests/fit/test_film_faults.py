@@ -88,7 +88,12 @@ def roll_shutter(_: int, pixels: Pixels) -> Pixels:
     return np.asarray(cv2.warpAffine(pixels, shear, (width, height)), np.uint8)
 
 
-@pytest.mark.parametrize("change", [blur, switch_light, put_specks, roll_shutter])
+LONG = (
+    pytest.param(one, marks=pytest.mark.long) for one in (switch_light, put_specks, roll_shutter)
+)
+
+
+@pytest.mark.parametrize("change", [blur, *LONG])
 def test_a_right_track_goes_on(change: Callable[[int, Pixels], Pixels]):
     steps, ends = run(film(change))
     assert [step.note for step in steps if step.note] == []
@@ -108,6 +113,7 @@ def mirror(index: int, pixels: Pixels) -> Pixels:
     return pixels[:, ::-1] if index >= 2 else pixels
 
 
+@pytest.mark.long
 def test_a_mirrored_film_is_not_found():
     _, ends = run(film(mirror))
     assert ends[1][0] < 1.0
@@ -124,6 +130,7 @@ def test_a_wrong_track_ends_and_says_why():
     assert "calibration" not in note
 
 
+@pytest.mark.long
 def test_nothing_is_looked_for_in_front_where_the_photo_is_explained_as_at_the_key(monkeypatch):
     asked = []
 

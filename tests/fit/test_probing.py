@@ -147,6 +147,7 @@ def test_a_fit_that_would_end_turned_ends_right():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_verdict_tells_a_turned_can_from_a_right_one():
     problem = fitted_from(TRUTH)
     right, wrong = (judge(features_of(problem, p)) for p in (TRUTH, turned(TRUTH, 30.0)))
@@ -184,6 +185,7 @@ def test_an_equal_pose_is_not_away():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_equal_poses_do_not_count_as_turned():
     plain = make_mesh(CAN.vertices, CAN.faces)  # by its loss alone it may be turned as one likes
     problem = fitted_from(TRUTH, plain)

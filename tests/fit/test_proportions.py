@@ -106,6 +106,7 @@ def test_a_box_is_not_found_on_an_ellipse_of_its_size(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_plate_that_lacks_a_corner_is_not_found_on_a_whole_one(tmp_path):
     """An L-shaped plate fits into a square one but for a fourth of its outline."""
     whole, corner = plate(2, 2), merged(plate(2, 1, 0, -0.5), plate(1, 1, -0.5, 0.5))

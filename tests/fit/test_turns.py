@@ -107,6 +107,7 @@ def test_what_stands_before_a_wall_is_compared_with_it():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_one_verdict_is_asked_for_where_what_others_hide_has_settled(monkeypatch):
     # At the start the ball is as near as the box: most of that is not in front of it.
     place = STARTS[0].pose.camera_from_model
