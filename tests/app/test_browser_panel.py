@@ -4,13 +4,16 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from playwright.sync_api import Browser
 
 from poseviewer import __version__
+from poseviewer.app.app import App
 from poseviewer.app.below_viser.guard import serve
 from poseviewer.app.page.controls import plain
-from tests.app.browser import READY, AppPage
+from poseviewer.geometry.charts import short_name
+from tests.app.browser import READY, TWO_FRAMES, AppPage
 from tests.app.running_app import RunningApp, running_app
 from tests.scene import Scene
 
@@ -91,6 +94,41 @@ def test_first_the_page_says_what_it_is_and_then_what_to_do(
     page.close()
 
 
+def is_mapped(app: App) -> bool:
+    """Whether the finest maps about the pose are there."""
+    maps, pose = app.session.results.landscapes, app.session.document.pose
+    return bool(maps) and maps[0].document.pose is pose and not app._mapper.busy
+
+
+@pytest.mark.long
+def test_maps_that_are_folded_away_are_not_computed_and_stay_so_in_a_page_that_is_loaded_again(
+    browser: Browser, running: RunningApp
+) -> None:
+    app = running.app
+    folded = "[data-dock-region=right] [data-dock-column-rail]"
+
+    def is_read() -> bool:
+        losses = app.session.results.losses
+        return losses is not None and losses.at_pose == app.session.at_pose
+
+    with AppPage(browser, running.url) as tab:
+        tab.until(lambda: is_mapped(app))
+        tab.page.get_by_role("button", name="Collapse panel area").last.click()
+        tab.page.locator(folded).wait_for()
+        tab.until(lambda: not app.session.display.sees_maps)
+        tab.page.keyboard.press("Shift+ArrowRight")
+        tab.until(lambda: not is_mapped(app))
+        tab.page.keyboard.press("Shift+ArrowLeft")  # to where the last maps are not about
+        tab.until(is_read)
+        assert not app._mapper.busy
+        assert not is_mapped(app)
+        tab.reload()
+        tab.page.locator(folded).wait_for()
+        assert not is_mapped(app)
+        tab.page.locator(folded).get_by_role("button", name="Expand").click()
+        tab.until(lambda: is_mapped(app))
+
+
 @pytest.mark.long
 def test_a_calibration_file_is_chosen_in_the_cameras_panel(page: AppPage, tmp_path: Path) -> None:
     path = tmp_path / "camera.json"
@@ -152,6 +190,49 @@ def test_the_icon_opens_help_with_colours_and_not_the_developers_panel(page: App
     page.page.locator("html[data-mantine-color-scheme=dark]").wait_for()
 
 
+def test_folders_open_by_keys_and_buttons_of_maps_have_names(page: AppPage) -> None:
+    page.open_step(2)
+    page.page.get_by_role("button", name="Set here").focus()
+    page.page.keyboard.press("Tab")
+    folder = page.page.get_by_role("button", name="Numbers", exact=True)
+    assert folder.evaluate("node => node === document.activeElement")
+    field = page.page.get_by_label("X (unit)")
+    for key in ("Enter", "Space"):
+        assert folder.get_attribute("aria-expanded") == str(field.is_visible()).lower()
+        page.page.keyboard.press(key)
+        field.wait_for(state="visible" if key == "Enter" else "hidden")
+        opened = str(key == "Enter").lower()
+        page.page.wait_for_function(f"document.activeElement.ariaExpanded === '{opened}'")
+    assert page.page.get_by_role("button", name="large, and back").count() == 15
+
+
+def test_a_map_says_the_numbers_under_the_pointer(page: AppPage, running: RunningApp) -> None:
+    page.until(lambda: is_mapped(running.app))
+    page.page.evaluate(TWO_FRAMES)
+    cell = page.page.locator(".pv-cell svg").first
+    box = cell.bounding_box()
+    assert box is not None
+    cell.hover(position={"x": 0.7 * box["width"], "y": 0.9 * box["height"]})
+    said = page.page.locator(".pv-tip").inner_text()
+    (latest,) = running.app.session.results.landscapes
+    first, second = 0, 1  # the upper left map
+    piece = next(p for p in latest.slices if (p.first, p.second) == (first, second))
+    names = [short_name(latest.problem.chart.names[index]) for index in (first, second)]
+    words = dict(part.rsplit(" ", 1) for part in said.split(" · "))
+    assert list(words) == [*names, "unexplained"]
+    values = [float(number) for number in words.values()]
+    shares = 0.7, 0.1
+    for share, value, along in zip(
+        shares, values, (piece.first_values, piece.second_values), strict=False
+    ):
+        low, high = along[0], along[-1]
+        assert value == pytest.approx(low + share * (high - low), abs=0.02 * (high - low))
+    losses = piece.as_shown(latest.problem.scale).losses
+    column, row = (round(share * (len(losses) - 1)) for share in shares)
+    reach = float(np.ptp(losses))
+    assert values[2] == pytest.approx(losses[row, column], abs=max(reach / 64.0, 0.0006))
+
+
 def test_a_second_tab_says_that_it_is_one(
     browser: Browser, running: RunningApp, page: AppPage
 ) -> None:
@@ -161,6 +242,20 @@ def test_a_second_tab_says_that_it_is_one(
         other.wait_for_text("open in 2 tabs")
         said.wait_for()
     said.wait_for(state="hidden")
+
+
+def test_in_a_small_window_the_photo_gets_two_fifths_and_the_maps_are_in_sight(
+    page: AppPage, running: RunningApp
+) -> None:
+    page.until(lambda: is_mapped(running.app))
+    width, height = 1280, 720
+    page.page.set_viewport_size({"width": width, "height": height})
+    page.until(lambda: 160 * 120 * page.view()["scale"] ** 2 > 0.4 * width * height)
+    cells = page.page.locator(".pv-cell, .pv-key")
+    rights = [box["x"] + box["width"] for one in cells.all() if (box := one.bounding_box())]
+    assert len(rights) == 16
+    assert max(rights) < width
+    page.page.set_viewport_size({"width": WINDOW[0], "height": WINDOW[1]})
 
 
 def test_a_narrow_window_leaves_its_room_to_the_photo(page: AppPage) -> None:
@@ -184,9 +279,17 @@ def test_the_tab_survives_a_reload(browser: Browser, running: RunningApp) -> Non
         tab.page.locator("[role=tab][aria-selected=true]", has_text="Place").wait_for()
 
 
-def test_on_a_phone_the_page_says_that_it_needs_a_mouse(
+def test_on_a_phone_the_page_says_that_it_needs_a_mouse_beside_the_panels(
     browser: Browser, running: RunningApp
 ) -> None:
-    with AppPage(browser, running.url, has_touch=True, is_mobile=True) as tab:
+    with AppPage(browser, running.url, (390, 844), has_touch=True, is_mobile=True) as tab:
         said = "getComputedStyle(document.querySelector('.pv-hint'), '::before').content"
         assert "need a mouse" in tab.page.evaluate(said)
+        search = tab.page.get_by_role("button", name="Search (space)")
+
+        def is_above() -> bool:
+            box, sheet = tab.page.locator(".pv-hint").bounding_box(), search.bounding_box()
+            bottom = 0.0 if box is None else box["y"] + box["height"]
+            return sheet is not None and 0.0 < bottom < sheet["y"] and sheet["width"] > 350.0
+
+        tab.until(is_above)

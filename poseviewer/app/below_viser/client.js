@@ -1,8 +1,9 @@
 // The page's script: zoom and pan of the photo, mouse, keys, files. Sent by client_script.py, which
 // fills in CONFIG: channel (uuid of the text field that takes reports), plane {depth, side} (of the
 // photo, world units), steps (labels of the left panel's tabs), first (the tab that opens first),
-// keys (by event.code or event.key: call, a function of this page, else the key is reported; label,
-// of its button; opens, whether it opens its step, "forward" only from an earlier one, or "always";
+// widths (of the window, px, at which the panels become narrower), palette (sRGB of the maps'
+// colours, the lowest loss first), keys (by event.code or event.key: call, a function of this page,
+// else the key is reported; label, of its button; opens, whether it opens its step, "forward" only from an earlier one, or "always";
 // leave, whether the browser keeps it while ctrl is held), largest and most (bytes and files of an
 // upload), style, icon.
 //
@@ -35,6 +36,7 @@ const state = {
   sent: "", // name of the last upload
   step: CONFIG.first, // to be opened once its tab exists
   frames: 0, // since the tabs exist
+  sheet: 0, // height of the sheet that holds all panels on a phone, CSS px
 };
 const before = sessionStorage.getItem("step"); // of a page that is loaded again, or of another app
 if (CONFIG.steps.includes(before)) state.step = before;
@@ -450,7 +452,7 @@ function isTaken({ key }) {
     leaveField();
     field.isLost = true;
   }
-  const takers = [" ", "Enter"].includes(key) ? "button, a, input, [role=tab], [data-report]" :
+  const takers = [" ", "Enter"].includes(key) ? "button, a, input, [role=tab], [role=button], [data-report]" :
     MOVES.includes(key) ? "[role=slider], [role=tab]" : "";
   return isTyping({ target }) || (field.isLost && target === document.body) ||
     (takers && target.matches?.(takers));
@@ -633,6 +635,13 @@ addEventListener("click", (event) => {
   if (action) openStepOf(action);
 });
 
+// A button over the photo presses the one of a step, by its label.
+addEventListener("click", (event) => {
+  const label = event.target.closest?.("[data-presses]")?.dataset.presses;
+  const buttons = label ? [...document.querySelectorAll("button")] : [];
+  buttons.find((button) => button.textContent.trim() === label)?.click();
+});
+
 // Open the step of an action, if the action opens it.
 function openStepOf(action) {
   const isLater = CONFIG.steps.findIndex(isOpen) >= CONFIG.steps.indexOf(action.step);
@@ -648,13 +657,6 @@ const isOpen = (step) => tabOf(step)?.ariaSelected === "true";
 function openStep(step) {
   sessionStorage.setItem("step", step); // a page that is loaded again opens it
   tabOf(step)?.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter", bubbles: true }));
-// A button over the photo presses the one of a step, by its label.
-addEventListener("click", (event) => {
-  const label = event.target.closest?.("[data-presses]")?.dataset.presses;
-  const buttons = label ? [...document.querySelectorAll("button")] : [];
-  buttons.find((button) => button.textContent.trim() === label)?.click();
-});
-
   tabOf(step)?.click();
   return isOpen(step);
 }
@@ -663,6 +665,38 @@ addEventListener("click", (event) => {
   const step = event.target.closest?.("[role=tab]")?.textContent;
   if (event.isTrusted && CONFIG.steps.includes(step)) sessionStorage.setItem("step", step);
 }, true);
+
+// viser's folders open by the mouse alone: here also by Tab and Enter.
+const FOLDER = ".mantine-Paper-root:has(> .tabler-icon-chevron-down, > .tabler-icon-chevron-up)";
+function nameFolders() {
+  for (const head of document.querySelectorAll(FOLDER)) {
+    const ariaExpanded = String(Boolean(head.querySelector(".tabler-icon-chevron-up")));
+    if (head.ariaExpanded === ariaExpanded) continue;
+    Object.assign(head, { role: "button", tabIndex: 0, ariaExpanded });
+  }
+}
+addEventListener("keydown", (event) => {
+  if (![" ", "Enter"].includes(event.key) || !event.target.matches?.(FOLDER)) return;
+  event.preventDefault();
+  event.target.click();
+});
+
+// Panels that a user has folded are so in a page that is loaded again.
+const FOLDING_MS = 300; // in which viser folds a panel that is pressed
+const panelOn = (side, part) => document.querySelector(`[data-dock-region=${side}] [data-dock-${part}]`);
+function noteFolds({ isTrusted }) {
+  if (!isTrusted || state.frames <= LAYOUT_FRAMES) return;
+  setTimeout(() => {
+    const folded = ["left", "right"].filter((side) => panelOn(side, "column-rail"));
+    sessionStorage.setItem("folded", folded.join(" "));
+  }, FOLDING_MS);
+}
+addEventListener("pointerup", noteFolds, true);
+addEventListener("keyup", noteFolds, true);
+function foldAgain() {
+  const sides = sessionStorage.getItem("folded")?.split(" ").filter(Boolean) ?? [];
+  for (const side of sides) panelOn(side, "region-collapse")?.click();
+}
 
 const CLICK = 4; // CSS px that a press may move before it turns what it is on
 // Presses, also by Enter or space, on elements with a report: sent with the point, in shares of the
@@ -764,11 +798,19 @@ const light = matchMedia("(prefers-color-scheme: light)");
 const USUAL = 14.8; // px: viser's text at the browser's default size
 const textSize = () =>
   Math.max(1, parseFloat(getComputedStyle(document.documentElement).fontSize) / USUAL);
-const narrow = matchMedia("(max-width: 999px)"); // there the photo needs the maps' room
-const sendTheme = () => send({
-  kind: "theme", light: light.matches, text: textSize(), narrow: narrow.matches,
-});
-for (const query of [light, narrow]) query.addEventListener("change", sendTheme);
+const widths = CONFIG.widths.map((width) => matchMedia(`(max-width: ${width - 1}px)`));
+const sendTheme = () =>
+  send({ kind: "theme", light: light.matches, text: textSize(), width: innerWidth });
+for (const query of [light, ...widths]) query.addEventListener("change", sendTheme);
+
+// Maps that are folded away are not computed.
+let seesMaps = null; // not told yet
+function tellMaps() {
+  if (state.frames <= LAYOUT_FRAMES) return;
+  const sees = Boolean(document.querySelector(".pv-both")?.getClientRects().length);
+  if (sees !== seesMaps) send({ kind: "maps", seen: sees });
+  seesMaps = sees;
+}
 
 // --- what lies over the photo -------------------------------------------------------------------
 const bar = document.createElement("div");
@@ -848,17 +890,45 @@ function showSpan() {
 
 function showTip(event) {
   const isSliding = state.turn?.slides;
+  const map = event.target.closest?.("svg[data-map]");
   const line = isSliding ? lines()[0] : event.target.closest?.("svg[data-slides]");
-  tip.hidden = !line;
-  if (!line) return;
+  tip.hidden = !(line || map);
+  if (!line) {
+    if (map) sayMap(map, event);
+    return;
+  }
   const box = line.getBoundingClientRect();
   const share = along(isSliding ? state.turn.box : box, event);
   const index = Math.min(Math.max(Math.floor(share * span.count), 0), span.count - 1);
   const time = times[index] ?? null;
-  tip.textContent = `${lines()[0].dataset.what} ${index + 1}` + (time === null ? "" : ` · ${time.toFixed(2)} s`);
+  sayAt(event.clientX, box, `${lines()[0].dataset.what} ${index + 1}` +
+    (time === null ? "" : ` · ${time.toFixed(2)} s`));
+}
+
+// Show the tip above a box, within given borders.
+function sayAt(x, box, text, [first, last] = [box.left, box.right]) {
+  tip.textContent = text;
   const half = tip.offsetWidth / 2;
-  const left = Math.min(Math.max(event.clientX, box.left + half), box.right - half);
+  const left = Math.max(Math.min(Math.max(x, first + half), last - half), 0);
   Object.assign(tip.style, { left: `${left - half}px`, top: `${box.top - tip.offsetHeight - 3}px` });
+}
+
+// Of a map the two parameters and the loss under the pointer, as its picture's colour has it.
+const pixel = Object.assign(document.createElement("canvas"), { width: 1, height: 1 });
+const ink = pixel.getContext("2d", { willReadFrequently: true });
+const levels = new Map(CONFIG.palette.map((colour, level) => [String(colour), level]));
+function sayMap(map, event) {
+  const { axes, low, high, what, side } = JSON.parse(map.dataset.map);
+  const box = map.getBoundingClientRect();
+  const [u, v] = [event.clientX - box.left, box.bottom - event.clientY].map(
+    (place) => Math.min(Math.max(place / box.width, 0), 1));
+  const [column, row] = [u, 1 - v].map((share) => Math.round(share * (side - 1)));
+  ink.drawImage(map.querySelector("image"), column, row, 1, 1, 0, 0, 1, 1);
+  const level = levels.get(String([...ink.getImageData(0, 0, 1, 1).data.slice(0, 3)]));
+  const loss = low + ((high - low) * level) / (CONFIG.palette.length - 1);
+  const numbers = axes.map(([name, first, last], i) =>
+    `${name} ${Number((first + [u, v][i] * (last - first)).toPrecision(4))}`);
+  sayAt(event.clientX, box, [...numbers, `${what} ${loss.toFixed(3)}`].join(" · "), [0, innerWidth]);
 }
 
 addEventListener("pointermove", showTip);
@@ -892,20 +962,26 @@ function watch() {
       host.append(sheet, bar, tabs, gone);
       host.after(strip); // the canvas ends where it begins
     }
-    host.style.height = `calc(100% - ${strip.offsetHeight}px)`;
+    host.style.height = `calc(100% - ${strip.offsetHeight + state.sheet}px)`;
     const { clientWidth, clientHeight } = viewer.canvas;
     const isAsWas = clientWidth === state.size[0] && clientHeight === state.size[1];
     if (!viewer.camera.view?.enabled || !isAsWas) applyView();
     drawSheet();
     labelPlots();
     if (state.frames % LAYOUT_FRAMES === 0) {
+      state.sheet = document.querySelector("[style*='width: 20em'][style*=fixed]")?.offsetHeight ?? 0;
       greyIdle();
+      nameFolders();
       sayUploads();
+      tellMaps();
     }
     gone.hidden = viewer.sendMessage === sendMessage;
     viewer.canvas.style.cursor = cursorOf();
     if (!state.step || tabOf(state.step)) state.frames += 1;
-    if (state.frames === LAYOUT_FRAMES) document.documentElement.classList.add("pv-ready");
+    if (state.frames === LAYOUT_FRAMES) {
+      foldAgain();
+      document.documentElement.classList.add("pv-ready");
+    }
     if (state.step && openStep(state.step)) state.step = "";
   }
   requestAnimationFrame(watch);

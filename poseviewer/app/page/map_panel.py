@@ -4,6 +4,7 @@ All maps are one element, in a triangle as a corner plot. The looks of its class
 stand in ``page.css``.
 """
 
+import json
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -42,6 +43,8 @@ MAP_SAYS = (
     "{}: how well the photo is explained as these two change, one to the right, the other upwards. "
     "The cross is the pose; yellow is better. A press moves the pose there."
 )
+NO_MAPS = '<div class="pv-both"></div>'
+"""Place of the maps, by which a page tells whether it shows them."""
 MAX_TRAIL = 60
 """Points of a trail that are drawn, at most, on each map."""
 MIN_COLUMNS = 4
@@ -86,12 +89,13 @@ class LossGrid:
             for pair in combinations(free, 2)
         ]
         columns = max(len(free) - 1, MIN_COLUMNS)
+        widths = f"var(--pv-names,1.9rem) repeat({columns},minmax(0,1fr))"
         large = pieces.get(self.large) if self.large is not None else None
         return h.div(".pv-with")[
             None if large is None else self._large(large),
             h.div(
                 class_=["pv-land", {"pv-dim": self.dimmed}],
-                style=f"grid-template-columns:1.9rem repeat({columns},minmax(0,1fr))",
+                style=f"grid-template-columns:{widths}",
             )[self._labels(free), cells, self._key()],
         ]
 
@@ -126,19 +130,33 @@ class LossGrid:
         first, second = piece.first, piece.second
         pick, enlarge = (on_press(k, first=first, second=second) for k in ("pick", "enlarge"))
         what = f"{short_name(self.names[first])}, {short_name(self.names[second])}"
+        large = f"{what}: large, and back"
         least = piece.minimum
         # The map from its first to its last grid point: half of each border pixel is cut off.
         step = 100.0 / (len(piece.first_values) - 1)
         side, start = f"{100.0 + step:.6g}", f"{-step / 2.0:.6g}"
         place = {"x": start, "y": start, "width": side, "height": side}
         return h.div(".pv-cell", style=style)[
-            h.svg(pick, viewBox="0 0 100 100")[
+            h.svg(pick, viewBox="0 0 100 100", data_map=self._numbers(piece))[
                 h.title[MAP_SAYS.format(what), least and f" Lowest: {least.loss:.3f}."],
                 h.image(place, href=_png_url(piece), preserveAspectRatio="none"),
                 self._markers(piece),
             ],
-            h.button(enlarge, type="button", title=f"{what}: large, and back")["⤢"],
+            h.button(enlarge, type="button", title=large, aria_label=large)["⤢"],
         ]
+
+    def _numbers(self, piece: Slice) -> str:
+        """What the page's script needs to say the numbers under the pointer (JSON)."""
+        axes = (piece.first, piece.first_values), (piece.second, piece.second_values)
+        known = piece.losses[np.isfinite(piece.losses)]
+        numbers = {
+            "axes": [[short_name(self.names[i]), float(v[0]), float(v[-1])] for i, v in axes],
+            "low": float(known.min()),
+            "high": float(known.max()),
+            "what": self.what,
+            "side": len(piece.first_values),
+        }
+        return json.dumps(numbers)
 
     def _markers(self, piece: Slice) -> h.Node:
         """Trail, candidates, the map's own minimum and the pose, the last on top of the others."""
@@ -256,7 +274,8 @@ def add_maps(controls: Controls) -> None:
 
     controls.add(maps, content=memoize(maps_key, lambda s: maps_html(s, maps.content)))
     waiting = "Drawing the maps ..."
-    controls.text(lambda s: plain(s.results.maps_note) or ("" if maps.content else waiting))
+    has_maps = lambda: "pv-land" in maps.content  # noqa: E731
+    controls.text(lambda s: plain(s.results.maps_note) or ("" if has_maps() else waiting))
     labels = {name: loss.label for name, loss in LOSSES.items()}
     choices: dict[MappedLoss, str] = {"chosen": "the one of the search", **labels, "all": "all"}
     mapped = attrgetter("display.mapped_loss")
@@ -276,7 +295,7 @@ def add_maps(controls: Controls) -> None:
 def maps_html(session: Session, before: str) -> str:
     """The maps; until there are any for this photo and model those ``before``, dimmed."""
     if not session.results.landscapes:
-        return before.replace('"pv-land"', '"pv-land pv-dim"')
+        return before.replace('"pv-land"', '"pv-land pv-dim"') or NO_MAPS
     grids = [grid_of(session, latest).html() for latest in session.results.landscapes]
     return as_html(h.div(".pv-both")[grids])
 

@@ -12,17 +12,17 @@ from poseviewer.app.below_viser.incoming import check_incoming
 from poseviewer.app.page.above_steps import add_preparing, objects_list
 from poseviewer.app.page.controls import Controls, Post, on_page, plain
 from poseviewer.app.page.handles import handles_of
-from poseviewer.app.page.map_panel import add_maps
+from poseviewer.app.page.map_panel import PALETTE, add_maps
 from poseviewer.app.page.panels import STEPS, add_status, idle_buttons
 from poseviewer.app.page.photo_view import DEPTH, SIDE, PhotoScene
-from poseviewer.app.page.reports import Theme, meaning_of
+from poseviewer.app.page.reports import SeenMaps, Theme, meaning_of
 from poseviewer.app.page.rows import add_rows
 from poseviewer.app.page.status import FIRST
 from poseviewer.app.page.strip import show_strip
 from poseviewer.app.page.texts import every_text, hint_of, offer_text
 from poseviewer.app.reviewing import Reviewer
 from poseviewer.app.state.document import MARKING, label_of
-from poseviewer.app.state.edits import SavePose
+from poseviewer.app.state.edits import SavePose, set_fields
 from poseviewer.app.state.hiding import SHAPES
 from poseviewer.app.state.keys_and_buttons import client_keys, help_table
 from poseviewer.app.state.session import Session
@@ -48,6 +48,12 @@ PANEL_PX = 300
 """Width of the left panel at the start; its border can be dragged."""
 MAPS_PX = 380
 """Width of the maps at the start; their border can be dragged."""
+SLIM_PX = 280, 290
+"""Widths of both where the window is small: a photo of 4:3 gets 40 % of 1280 x 720 px."""
+SMALL_PX = 1400
+"""Width below which a window is small."""
+NARROW_PX = 1000
+"""Width below which the photo needs the room of the maps, which are folded."""
 PANELS_S = 0.1
 """Least time between two updates of the panels; the photo is always up to date."""
 MAPS_S = 0.2
@@ -71,6 +77,8 @@ PAGE_CONFIG = {
     "plane": {"depth": DEPTH, "side": SIDE},
     "steps": list(STEPS),
     "first": "Place",  # photo and model are there by the command line
+    "widths": [NARROW_PX, SMALL_PX],
+    "palette": PALETTE.tolist(),
     "keys": client_keys(),
     "largest": MAX_UPLOAD_BYTES,
     "most": MAX_FILES,
@@ -96,10 +104,17 @@ class Page:
         gui.set_panel_label("poseviewer")
         gui.main_panel.dock_left()
         gui.main_panel.set_width(PANEL_PX)
+        maps = gui.add_panel()
+        maps.dock_right()
+        maps.set_width(MAPS_PX)
+        maps.minimize()
+        self._map_panel, self._is_open = maps, False
         self.scene = PhotoScene(server)
         # Pages may report from here on.
         self._is_light: dict[int, bool] = {}  # colours that were chosen in the help, by client
         self._is_narrow = False
+        self._widths: dict[int, tuple[float, float]] = {}  # of the panels, by client
+        self._sees_maps: dict[int, bool] = {}  # by client
         self._script = ClientScript(server, PAGE_CONFIG, self._on_report)
         self._controls = controls = Controls(gui, post, session, PANELS_S)
         add_preparing(controls)
@@ -111,19 +126,15 @@ class Page:
         for step, add_controls in STEPS.items():
             with tabs.add_tab(step):
                 add_controls(controls)
-        maps = gui.add_panel()
         with maps.add_tab("Pose and maps", viser.Icon.GRID_DOTS):
             self._maps = Controls(gui, post, session, MAPS_S)
             add_maps(self._maps)
-        maps.dock_right()
-        maps.set_width(MAPS_PX)
-        maps.minimize()
-        self._map_panel, self._is_open = maps, False
         self._shown: Session | None = None
         self._working: list[viser.NotificationHandle] = []
         self._said: dict[tuple[int, str], viser.NotificationHandle] = {}
         self._question: Any = None
         self._offer: viser.GuiFolderHandle | None = None
+        server.on_client_disconnect(lambda _: self._tell_maps())
         for subscribe in (server.on_client_connect, server.on_client_disconnect):
             subscribe(lambda _: self._script.show("setTabs", len(self._tabs())))
         check_incoming(server, lambda client, why: self.show_error(why, client))
@@ -164,18 +175,32 @@ class Page:
 
     def _on_report(self, report: object, client: viser.ClientHandle) -> None:
         match meaning_of(report, client.client_id):
-            case Theme(light, text, narrow):
-                choose_theme(client.gui, self._is_light.get(client.client_id, light))
-                self._is_narrow = narrow
-                if text > 1.0:
-                    client.gui.main_panel.set_width(PANEL_PX * text)
-                    self._map_panel.set_width(MAPS_PX * text)
+            case Theme(light, text, width):
+                number = client.client_id
+                choose_theme(client.gui, self._is_light.get(number, light))
+                self._is_narrow = width < NARROW_PX
+                panel, maps = SLIM_PX if width < SMALL_PX * text else (PANEL_PX, MAPS_PX)
+                wanted = panel * text, maps * text
+                if wanted != self._widths.get(number, (PANEL_PX, MAPS_PX)):
+                    client.gui.main_panel.set_width(wanted[0])
+                    self._map_panel.set_width(wanted[1])
+                self._widths[number] = wanted
+            case SeenMaps(seen):
+                self._sees_maps[client.client_id] = seen
+                self._tell_maps()
             case str(trouble):
                 self.show_error(trouble, client.client_id)
             case None:
                 pass
             case request:
                 self._post(request)
+
+    def _tell_maps(self) -> None:
+        """Have the maps computed while a page shows them."""
+        tabs = [tab.client_id for tab in self._tabs()]
+        if tabs:
+            seen = any(self._sees_maps.get(number) for number in tabs)
+            self._post(set_fields("display", sees_maps=seen))
 
     def _tabs(self, client: int | None = None) -> list[viser.ClientHandle]:
         """Pages that are open: all, or the one of a client's id."""

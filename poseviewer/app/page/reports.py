@@ -49,12 +49,19 @@ class Theme:
     light: bool = False
     text: Annotated[float, msgspec.Meta(ge=0.5, le=3.0)] = 1.0
     """Size of text, in times of the usual one."""
-    narrow: bool = False
-    """Whether the photo needs the room of the maps."""
+    width: float = 2000.0
+    """Width of the window, CSS px."""
+
+
+@dataclass(frozen=True, slots=True)
+class SeenMaps:
+    """Whether a page shows the maps."""
+
+    seen: bool
 
 
 T = TypeVar("T")
-Meaning = Request | Theme | str | None
+Meaning = Request | Theme | SeenMaps | str | None
 """Meaning of a report: a request, or a sentence for the page that it comes from."""
 
 
@@ -123,6 +130,7 @@ MEANINGS: Mapping[str, Callable[..., Meaning]] = {
     "still": AskStill,
     "row": ReviewRow,
     "theme": Theme,
+    "maps": SeenMaps,
     "unfit": why_unfit,
     "not sent": why_not_sent,
     "no number": _no_number,

@@ -67,6 +67,8 @@ class Display:
     """Rotation vector, in camera axes, of the model's picture beside the photo, from its pose."""
     relative_to: str = ""
     """Label of the object in whose frame the active one's pose is also shown; "": none."""
+    sees_maps: bool = True
+    """Whether a page shows the maps, and they are computed."""
     motion_graph: bool = False
     """Whether the motion over the frames is drawn above the time line."""
     propagates_alone: bool = False

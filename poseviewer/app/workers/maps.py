@@ -69,7 +69,7 @@ def mapping() -> Worker[Session, Edit]:
 
     return Worker(
         "maps",
-        lambda now: None if now.preparation else now.request,
+        lambda now: None if now.preparation or not now.display.sees_maps else now.request,
         make,
         serves=serves,
         period_s=lambda now: SEARCH_MAPS_S if now.is_searching else 0.0,
