@@ -63,6 +63,7 @@ from poseviewer.geometry.camera import Parallel
 from poseviewer.geometry.charts import short_name, tooltip
 from poseviewer.geometry.lens import COEFFICIENTS
 from poseviewer.losses.known_losses import LOSSES
+from poseviewer.render.overlay.styles import SOLID_OPACITY
 from poseviewer.scene.settings import SEARCHES
 from poseviewer.starts.sides import SIDES
 
@@ -425,7 +426,7 @@ def add_judging(controls: Controls) -> None:
     gui = controls.gui
     style = gui.add_dropdown("Model (1-5, 0)", tuple(STYLES.values()))
     controls.field(style, show_style, value=attrgetter("display.style"))
-    opacity = gui.add_slider("Opacity", 0.0, 1.0, 0.05, 0.8)
+    opacity = gui.add_slider("Opacity", 0.0, 1.0, 0.05, SOLID_OPACITY)
     controls.bind(opacity, "display", "opacity", visible=lambda s: s.display.style == "solid")
     controls.bind(gui.add_checkbox(ACTIONS["blink"].label(), False), "display", "photo_alone")
     controls.action("measure", lambda s: s.tool == "measure", icon="ruler-measure")
