@@ -12,6 +12,7 @@ from viser import uplot
 
 from poseviewer.app.page.above_steps import parts_left_out
 from poseviewer.app.page.controls import Controls, memoize, plain
+from poseviewer.app.page.handles import model_card
 from poseviewer.app.page.result import ABOUT, unit_of
 from poseviewer.app.page.status import FIRST, status_html
 from poseviewer.app.page.strip import proposals_row
@@ -152,7 +153,14 @@ def add_opening(controls: Controls) -> None:
         controls.action("add same", icon="copy")
         _add_object_text(controls, "name")
     controls.action("help", icon="help")
+    _add_card(controls)
     controls.text(notes_text)
+
+
+def _add_card(controls: Controls) -> None:
+    """A small picture of the model where it is not placed; below all that is pressed."""
+    shown = lambda s: (s.results.alone, s.document.object, s.document.object.is_placed)  # noqa: E731
+    controls.html(memoize(shown, model_card))
 
 
 def add_placing(controls: Controls) -> None:
@@ -172,6 +180,7 @@ def add_placing(controls: Controls) -> None:
         _add_numbers(controls)
     with gui.add_folder("Camera", expand_by_default=False):
         _add_camera(controls)
+    _add_card(controls)
 
 
 def _add_ways(controls: Controls) -> None:
