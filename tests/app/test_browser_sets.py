@@ -111,6 +111,9 @@ def test_the_hint_takes_a_missing_texture_under_any_name(
         running_app(files, tmp_path / "state", has_start=False) as app,
         AppPage(browser, app.url) as tab,
     ):
+        card = tab.page.locator(".pv-card").filter(visible=True)
+        card.locator("img").wait_for()
+        assert card.inner_text() == "quad.obj"
         with tab.page.expect_file_chooser() as chooser:
             tab.page.locator(".pv-hint").get_by_role("button", name="Add it ...").click()
         chooser.value.set_files(str(shutil.copy(scene.photo, tmp_path / "IMG 1.png")))

@@ -3,12 +3,13 @@
 from collections.abc import Iterator
 from contextlib import suppress
 
+import cv2
 import htpy as h
 import numpy as np
 
 from poseviewer.app.page.controls import as_html, jpeg_url, on_press
 from poseviewer.app.page.measure_panel import distance_text
-from poseviewer.app.state.document import MARKING, is_shown
+from poseviewer.app.state.document import MARKING, is_shown, label_of
 from poseviewer.app.state.dragging import pins_in_photo
 from poseviewer.app.state.hiding import HIDING
 from poseviewer.app.state.marking import marks_in_photo
@@ -126,6 +127,18 @@ def model_html(session: Session) -> str:
         drawn.append(h.g(at)[h.text(x="8", y="-8")[number]])
     box = {"viewBox": f"0 0 {width} {height}", "data-turns": "turn model"}
     return as_html(h.div(".pv-model")[h.svg(box, on_press("mark model"))[drawn]])
+
+
+def model_card(session: Session) -> str:
+    """The model beside its name, small (HTML); "" once it is placed."""
+    item, alone = session.document.object, session.results.alone
+    if item.is_placed:
+        return ""
+    drawn = None
+    if alone is not None:
+        small = np.asarray(cv2.resize(alone[1], None, fx=0.25, fy=0.25), np.uint8)
+        drawn = h.img(src=jpeg_url(small[..., ::-1], QUALITY), alt="")
+    return as_html(h.div(".pv-card")[drawn, h.b[label_of(item)]])
 
 
 def _rectangle(rectangle: Rectangle | None, colour: str) -> h.Node:

@@ -12,6 +12,7 @@ from viser import uplot
 
 from poseviewer.app.page.above_steps import parts_left_out
 from poseviewer.app.page.controls import Controls, memoize, plain
+from poseviewer.app.page.handles import model_card
 from poseviewer.app.page.result import ABOUT, unit_of
 from poseviewer.app.page.status import FIRST, status_html
 from poseviewer.app.page.strip import proposals_row
@@ -63,6 +64,7 @@ from poseviewer.geometry.camera import Parallel
 from poseviewer.geometry.charts import short_name, tooltip
 from poseviewer.geometry.lens import COEFFICIENTS
 from poseviewer.losses.known_losses import LOSSES
+from poseviewer.render.overlay.styles import SOLID_OPACITY
 from poseviewer.scene.settings import SEARCHES
 from poseviewer.starts.sides import SIDES
 
@@ -151,7 +153,14 @@ def add_opening(controls: Controls) -> None:
         controls.action("add same", icon="copy")
         _add_object_text(controls, "name")
     controls.action("help", icon="help")
+    _add_card(controls)
     controls.text(notes_text)
+
+
+def _add_card(controls: Controls) -> None:
+    """A small picture of the model where it is not placed; below all that is pressed."""
+    shown = lambda s: (s.results.alone, s.document.object, s.document.object.is_placed)  # noqa: E731
+    controls.html(memoize(shown, model_card))
 
 
 def add_placing(controls: Controls) -> None:
@@ -171,6 +180,7 @@ def add_placing(controls: Controls) -> None:
         _add_numbers(controls)
     with gui.add_folder("Camera", expand_by_default=False):
         _add_camera(controls)
+    _add_card(controls)
 
 
 def _add_ways(controls: Controls) -> None:
@@ -425,7 +435,7 @@ def add_judging(controls: Controls) -> None:
     gui = controls.gui
     style = gui.add_dropdown("Model (1-5, 0)", tuple(STYLES.values()))
     controls.field(style, show_style, value=attrgetter("display.style"))
-    opacity = gui.add_slider("Opacity", 0.0, 1.0, 0.05, 0.8)
+    opacity = gui.add_slider("Opacity", 0.0, 1.0, 0.05, SOLID_OPACITY)
     controls.bind(opacity, "display", "opacity", visible=lambda s: s.display.style == "solid")
     controls.bind(gui.add_checkbox(ACTIONS["blink"].label(), False), "display", "photo_alone")
     controls.action("measure", lambda s: s.tool == "measure", icon="ruler-measure")

@@ -53,7 +53,7 @@ class Display:
 
     style: str = "outline"
     """Look of the model, one of ``render.overlay.LOOKS``."""
-    opacity: float = 0.8
+    opacity: float = 1.0
     """Opacity of the style ``solid``."""
     photo_alone: bool = False
     """Whether the model is blinked away."""

@@ -220,12 +220,12 @@ def refining() -> Worker[Session, Edit]:
 
 
 def picturing() -> Worker[ModelPicture, Edit]:
-    """Draw the model alone, for marking its points."""
+    """Draw the model alone, for marking its points and until it is placed."""
     renderer = for_one_thread(lambda renderer: renderer)
 
     def request_of(session: Session) -> ModelPicture | None:
-        is_wanted = session.shows_model and session.preparation is None
-        if not is_wanted or session.is_moving:
+        is_wanted = session.shows_model or not session.document.object.is_placed
+        if not is_wanted or session.preparation is not None or session.is_moving:
             return None
         return session.document, session.display.model_turn, session.tool == "wheels"
 

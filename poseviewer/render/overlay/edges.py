@@ -5,7 +5,8 @@ occur. Between two neighbouring pixels that show different faces there is a feat
 these holds:
 
 - the parts differ, or both faces have one colour each and these differ (material boundary);
-- the shading normals bend by more than ``CREASE_DEG`` (crease);
+- the shading normals bend by more than ``CREASE_DEG``, and so do their means on either side
+  (crease: the noise of a scan bends them as much, but not their means);
 - neither point is near the plane of the other's face (one surface ends in front of another).
 """
 
@@ -25,6 +26,8 @@ from poseviewer.render.overlay.window import Window, model_window
 
 CREASE_DEG = 35.0
 """Angle between shading normals from which an edge is a crease, in degrees."""
+CREASE_REACH = 2.0
+"""Length on either side, in line widths, whose mean normals tell creases: noise has gone there."""
 MATERIAL_STEP = 0.08
 """Difference of flat colours in a channel, in [0, 1], between two materials, at least."""
 DEPTH_STEP = 0.006
@@ -109,7 +112,7 @@ def find_lines(mesh: Mesh, renderer: Renderer, pose: Pose, scale: float) -> Line
     width = scale * window.samples
     half = np.float32(0.5)
     samples = np.float32(window.samples)
-    nearer, both = _feature_samples(mesh, close, image)
+    nearer, both = _feature_samples(mesh, close, image, math.ceil(CREASE_REACH * width))
     marked = _without_specks(both, MIN_EDGE_LENGTH * width)
     outside = _without_specks(~image.mask, MIN_HOLE_LENGTH * width)
     silhouette = (np.where(outside, _distance(outside), _distance(~outside)) - half) / samples
@@ -120,8 +123,12 @@ def find_lines(mesh: Mesh, renderer: Renderer, pose: Pose, scale: float) -> Line
     )
 
 
-def _feature_samples(mesh: Mesh, pose: Pose, image: AttributeImage) -> NDArray[np.bool_]:
-    """(2, h, w): samples left of feature edges or above them, and those on both sides."""
+def _feature_samples(
+    mesh: Mesh, pose: Pose, image: AttributeImage, reach: int
+) -> NDArray[np.bool_]:
+    """(2, h, w): samples left of feature edges or above them, and those on both sides; creases bend
+    the mean normals of ``reach`` samples, too.
+    """
     ids, normals = image.face_ids.ravel(), image.normals.reshape(-1, 3)
     nearer, farther = np.zeros((2, ids.size), bool)
     index = np.arange(ids.size).reshape(image.face_ids.shape)
@@ -129,16 +136,27 @@ def _feature_samples(mesh: Mesh, pose: Pose, image: AttributeImage) -> NDArray[n
     planes, _ = face_normals_and_areas(points, mesh.faces)
     offsets = np.einsum("ij,ij->i", planes, points[mesh.faces[:, 0]])
     planes = np.column_stack([planes, offsets])  # n . x = d, in the camera frame
+    means = cv2.blur(image.normals, (2 * reach + 1,) * 2)
+    means = np.asarray(means, np.float32).reshape(-1, 3)
     for one, other in ((index[:, :-1], index[:, 1:]), (index[:-1], index[1:])):
         one, other = one.ravel(), other.ravel()
         differ = (ids[one] != ids[other]) & (ids[one] >= 0) & (ids[other] >= 0)
         one, other = one[differ], other[differ]
-        bend = np.einsum("ij,ij->i", normals[one], normals[other])
-        lies = bend < math.cos(math.radians(CREASE_DEG))
+        lies = _bends(normals[one], normals[other])
+        away = reach * int(other[0] - one[0]) if len(one) else 0
+        ends = np.clip(one - away, 0, ids.size - 1), np.clip(other + away, 0, ids.size - 1)
+        lies &= _bends(means[ends[0]], means[ends[1]])
         lies |= _are_boundaries(mesh, ids[one], ids[other])
         lies |= _are_steps(mesh, pose.camera, planes, ids, one, other)
         nearer[one[lies]] = farther[other[lies]] = True
     return np.stack([nearer, nearer | farther]).reshape(2, *index.shape)
+
+
+def _bends(one: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """(N,): whether directions (N, 3) differ by more than ``CREASE_DEG``; nothing does from 0."""
+    lengths = np.linalg.norm(one, axis=1) * np.linalg.norm(other, axis=1)
+    cosines = np.einsum("ij,ij->i", one, other)
+    return cosines < math.cos(math.radians(CREASE_DEG)) * lengths
 
 
 def _are_boundaries(mesh: Mesh, one: NDArray[np.int32], other: NDArray[np.int32]) -> NDArray:

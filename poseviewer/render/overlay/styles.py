@@ -36,8 +36,8 @@ HALO_OPACITY = 0.55
 """Opacity of the halo: the photo must show through."""
 EDGE_STRENGTH = 0.6
 """Opacity of feature edges, over that of the silhouette, which they must not outshine."""
-SOLID_OPACITY = 0.8
-"""Default opacity of the style ``solid``: the photo shows through a little."""
+SOLID_OPACITY = 1.0
+"""Default opacity of the style ``solid``: only an opaque model shows its shape as it is."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,6 +8,7 @@ import pytest
 
 from poseviewer.geometry.camera import Parallel, Perspective, Pose
 from poseviewer.geometry.image import GREY_WEIGHTS
+from poseviewer.geometry.normals import crease_normals
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.render.attributes import AttributeImage
 from poseviewer.render.overlay import LOOKS
@@ -80,6 +81,25 @@ def test_smooth_surfaces_have_no_feature_edges():
     assert lines is not None
     assert lines.edges(1.0).max() == 0.0
     assert lines.outline(1.0).max() == 1.0
+
+
+def test_the_noise_of_a_scan_makes_no_lines_inside_the_outline():
+    pose = Pose(Parallel(80, 120, 120, SIZE, SIZE), cube_pose().camera_from_model)
+    smooth = make_sphere(6)
+    noise = 0.004 * np.random.default_rng(0).normal(size=(len(smooth.vertices), 1))
+    rough = smooth.vertices * (1.0 + noise)
+    given, faces, normals = crease_normals(rough, smooth.faces)
+    mesh = make_mesh(rough[given], faces, normals)
+    lines = find_lines(mesh, SoftwareRenderer(mesh), pose, 1.0)
+    assert lines is not None
+    assert lines.edges(1.0).max() == 0.0
+    assert lines.outline(1.0).max() == 1.0
+
+
+def test_a_solid_model_hides_the_photo():
+    shown = [draw_style("solid", make_view(CUBE, cube_pose(), level=level)) for level in (0, 255)]
+    mask = SoftwareRenderer(CUBE).render(cube_pose()).mask
+    assert np.array_equal(shown[0][mask], shown[1][mask])
 
 
 @pytest.mark.slow
