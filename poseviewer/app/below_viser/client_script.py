@@ -6,8 +6,8 @@ fields send each key that is typed, and take what the server sends meanwhile.
 Written for viser 1.1.1: the message ``RunJavascriptMessage``, put into
 ``client.gui._websock_interface``; a field's ``_impl.uuid``; and in the page
 ``window.__viserMutable`` (its camera, canvas, ``sendMessage``, ``messageQueue``), tabs that Enter
-opens, fields by their classes (``mantine-...``) and labels, and the notice of an upload
-(``upload-...``).
+opens, fields and folders by their classes (``mantine-...``) and labels, docked panels
+(``data-dock-...``), a phone's sheet by its style, and the notice of an upload (``upload-...``).
 """
 
 import base64

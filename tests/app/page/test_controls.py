@@ -40,7 +40,7 @@ class Fields:
             lambda text: alter_object(object_id, note=text),
             value=lambda session: session.document.object.note,
         )
-        self.opacity = gui.add_slider("Opacity", 0.0, 1.0, 0.05, 0.8)
+        self.opacity = gui.add_slider("Opacity", 0.0, 1.0, 0.05, 1.0)
         self.controls.bind(self.opacity, "display", "opacity")
 
     def post(self, request: Request) -> int:
@@ -107,7 +107,7 @@ def test_what_is_refused_gives_way_to_what_holds(fields: Fields, page: SocketPag
     page.change(uuid(fields.opacity), 0.3)
     page.wait_until(lambda: page.values(uuid(fields.opacity))[-1] == 0.3)
     fields.show(seen=1)  # it led to no other session
-    page.wait_until(lambda: page.values(uuid(fields.opacity))[-1] == 0.8)
+    page.wait_until(lambda: page.values(uuid(fields.opacity))[-1] == 1.0)
 
 
 @pytest.fixture(scope="module")
