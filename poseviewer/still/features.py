@@ -59,6 +59,9 @@ BESIDE = 4
 """Chosen pictures nearest in order, by whose points another is placed."""
 MIN_INLIERS = 20
 """Points that place a picture at least."""
+MISFIT = 0.85
+"""Residual by a camera that is found, in that by the given one, from which this does not fit: by
+right ones both are alike to 2 %."""
 MAX_ERROR_PX = 4.0
 """Residual of an inlier at most, px at ``LONGEST_PX``."""
 INIT_ANGLE_DEG = 6.0
@@ -129,7 +132,8 @@ def place_by_features(
     _match(tell, database, folder / "pairs.txt", pairs)
     tell("comparing motions")
     _refuse_turns(database, pictures, features, numbers)
-    model, others = _reconstruct(tell, database, folder, pictures, numbers)
+    is_fixed = pictures.pinhole is not None
+    model, others = _reconstruct(tell, database, folder / "models", numbers, is_fixed)
     solved = _Solved(pictures, model, numbers)
     rest = sorted({*range(len(paths))} - {*chosen})
     for index in features.keys() - solved.placed.keys():
@@ -139,7 +143,8 @@ def place_by_features(
         found = _features_in(pictures, index)
         if found is not None:
             solved.place(index, found, features)
-    return solved.placement(others)
+    note = _misfit(tell, database, folder / "free", model, numbers) if is_fixed else ""
+    return solved.placement(others, note)
 
 
 def _choose(count: int) -> list[int]:
@@ -291,9 +296,11 @@ def _off_turn(a: NDArray[Any], b: NDArray[Any], focal: float) -> float:
 
 
 def _reconstruct(
-    tell: Tell, database: Path, folder: Path, pictures: Pictures, numbers: Mapping[int, int]
+    tell: Tell, database: Path, out: Path, numbers: Mapping[int, int], is_fixed: bool
 ) -> tuple[pycolmap.Reconstruction, list[list[int]]]:
-    """Return the largest reconstruction, and the indices of the pictures in each of the others."""
+    """Return the largest reconstruction, and the indices of the pictures in each of the others; a
+    camera that ``is_fixed`` stays as it is.
+    """
     import pycolmap
 
     options = pycolmap.IncrementalPipelineOptions()
@@ -301,7 +308,7 @@ def _reconstruct(
     options.extract_colors = False
     options.mapper.init_min_tri_angle = INIT_ANGLE_DEG
     options.random_seed = options.mapper.random_seed = options.triangulation.random_seed = SEED
-    if pictures.pinhole is not None:
+    if is_fixed:
         options.ba_refine_focal_length = options.ba_refine_extra_params = False
         options.mapper.abs_pose_refine_focal_length = False
         options.mapper.abs_pose_refine_extra_params = False
@@ -320,10 +327,9 @@ def _reconstruct(
         count += 1
         tell(f"placed {min(count, len(numbers))} of {len(numbers)}")
 
-    out = folder / "models"
     out.mkdir()
     models = pycolmap.incremental_mapping(
-        database, folder, out, options, initial_image_pair_callback=show_first,
+        database, out.parent, out, options, initial_image_pair_callback=show_first,
         next_image_callback=show_next,
     )  # fmt: skip
     by_size = sorted(models.values(), key=lambda model: -model.num_reg_images())
@@ -331,6 +337,39 @@ def _reconstruct(
         raise SettingsError(f"The pictures' cameras were not found: {NO_MOTION}")
     others = [[int(image.name) for image in _images(model)] for model in by_size[1:]]
     return by_size[0], others
+
+
+def _misfit(
+    tell: Tell, database: Path, out: Path, fixed: pycolmap.Reconstruction,
+    numbers: Mapping[int, int],
+) -> str:  # fmt: skip
+    """Say that a given camera does not fit, where pictures fit far better by one that is found; "":
+    it does. A wrong one can show up as cameras that stand on the wrong side.
+    """
+    import pycolmap
+
+    if len(numbers) <= MIN_PICTURES:
+        return ""
+    tell("comparing with a camera that is found")
+    with pycolmap.Database.open(database) as opened:
+        for camera in opened.read_all_cameras():
+            fx, fy, cx, cy = camera.params
+            camera.model = pycolmap.CameraModelId.SIMPLE_RADIAL
+            camera.params = [(fx + fy) / 2.0, cx, cy, 0.0]
+            opened.update_camera(camera)
+    try:
+        free, _ = _reconstruct(tell, database, out, numbers, is_fixed=False)
+    except SettingsError:
+        return ""
+    before, after = (model.compute_mean_reprojection_error() for model in (fixed, free))
+    if after > MISFIT * before or free.num_reg_images() < fixed.num_reg_images():
+        return ""
+    camera = next(iter(free.cameras.values()))
+    found = f"{after:.2f} px off by focal length {camera.params[0]:.1f} px, lens "
+    return (
+        f"The given camera does not fit: the pictures are {before:.2f} px off by it, and only "
+        f"{found}{camera.params[3]:.4f}; leave it out, then the camera is found with the pictures."
+    )
 
 
 def _images(model: pycolmap.Reconstruction) -> Iterator[pycolmap.Image]:
@@ -446,9 +485,9 @@ class _Solved:
         pairs = np.unique(pairs, axis=0)
         return pairs[:, :2], pairs[:, 2:]
 
-    def placement(self, others: Sequence[Sequence[int]]) -> Placement:
-        """Return what was found, and say what did not hang together."""
-        left_out, notes = self.pictures.left_out, list[str]()
+    def placement(self, others: Sequence[Sequence[int]], note: str) -> Placement:
+        """Return what was found, with a note, and say what did not hang together."""
+        left_out, notes = self.pictures.left_out, [note] if note else []
         if len(self.numbers) == MIN_PICTURES and self.pictures.pinhole is None:
             notes.append("The focal length is assumed: two pictures do not tell it; take more.")
         residual = float(np.median([own.residual_px for own in self.placed.values()]))

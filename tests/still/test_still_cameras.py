@@ -56,6 +56,19 @@ def test_features_find_cameras_and_focal_length_of_an_unknown_camera(pictures):
 
 
 @pytest.mark.slow
+@pytest.mark.long
+@pytest.mark.parametrize("bent", [-0.2, 0.0])
+def test_a_given_camera_that_does_not_fit_is_said(tmp_path, bent):
+    lens = Undistortion.of(Lens("opencv", (bent, 0.0, 0.0, 0.0)), CAMERA)
+    paths = write_pictures(tmp_path / "bent", CAMERAS[::2], lens=lens if bent else None)
+    found = last(list(find_cameras(paths, "features", camera=CAMERA)))
+    said = [note for note in found.notes if note.startswith("The given camera does not fit")]
+    assert len(said) == (1 if bent else 0)
+    if bent:
+        assert "leave it out" in said[0]
+
+
+@pytest.mark.slow
 def test_markers_find_cameras_in_their_unit(pictures):
     known = last(find_cameras(pictures, camera=CAMERA, marker_size=MARKER, unit="m"))
     assert known.by == "markers"

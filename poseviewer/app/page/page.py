@@ -347,8 +347,8 @@ class Page:
 
             def find(_: viser.GuiEvent) -> None:
                 close_modal(modal)
-                by, has_size = ways[way.value], side.value > 0.0
-                has_size = has_size and by in ("auto", "markers")
+                by = ways[way.value]
+                has_size = side.value > 0.0 and by != "object"
                 known = {"marker_size": side.value, "unit": unit.value} if has_size else {}
                 self._post(find_still_cameras(StillChoice(by, **known)))
 

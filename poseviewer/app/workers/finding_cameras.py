@@ -62,9 +62,7 @@ def find_still_cameras(choice: StillChoice) -> QueuedTask:
 
 
 def known_camera(document: Document) -> Perspective | Undistortion | None:
-    """The camera of the frames, with its lens, if it is no guess."""
-    view, photo = document.scene.views[0], document.photo
-    if view.file.undistortion is not None:
-        return view.file.undistortion
-    is_guess = photo.camera is None and view.camera == photo.default_camera()
-    return None if is_guess or not isinstance(view.camera, Perspective) else view.camera
+    """The calibrated camera of the frames, with its lens; None: there is none, as poses' cameras
+    may be guesses.
+    """
+    return document.scene.views[0].file.undistortion or document.photo.camera

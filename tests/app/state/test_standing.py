@@ -196,14 +196,14 @@ def test_cameras_of_frames_that_are_no_longer_open_change_nothing():
     assert after(opened, stand_still(session.document.scene.frames, found)) is opened
 
 
-def test_a_camera_that_is_said_is_given_and_a_guess_is_not():
+def test_a_calibrated_camera_is_given_and_that_of_a_pose_is_not():
     document = make_sequence()
     view = document.scene.views[0]
-    assert known_camera(document) == CAMERA
+    assert known_camera(document) == document.photo.camera == CAMERA
     photo = replace(document.photo, camera=None)
-    file = replace(view.file, read=lambda: photo)
-    guessed = replace(view, file=file, camera=photo.default_camera())
-    assert known_camera(replace(document, scene=replace(document.scene, views=(guessed,)))) is None
+    views = (replace(view, file=replace(view.file, read=lambda: photo)),)
+    assert view.camera == CAMERA
+    assert known_camera(replace(document, scene=replace(document.scene, views=views))) is None
     undone = Undistortion.of(Lens("opencv", (-0.1, 0.0, 0.0, 0.0)), CAMERA)
     lens = replace(view, file=replace(view.file, undistortion=undone))
     assert known_camera(replace(document, scene=replace(document.scene, views=(lens,)))) is undone
