@@ -300,7 +300,9 @@ class Scene:
             raise SettingsError(f"two objects have the id {twice[0]!r}; give each its own.")
         if self.free_scale and len(ids) > 1:
             found = f"its scale is not known, and it has {len(ids)} objects"
-            wanted = "search for the first alone, which tells it once it is found, or give the scale"
+            wanted = (
+                "search for the first alone, which tells it once it is found, or give the scale"
+            )
             raise SettingsError(f"{self.name or 'the scene'}: {found}; {wanted}.")
         for index, view in enumerate(self.views):
             file, camera = view.file, view.camera

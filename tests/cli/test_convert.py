@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +13,15 @@ from PIL import Image
 from poseviewer.api import load
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
-from poseviewer.files.scene_json import load_scene
+from poseviewer.files.scene_assets import model_file
+from poseviewer.files.scene_json import load_scene, save_scene
 from poseviewer.geometry.camera import Perspective
+from poseviewer.scene.types import SceneObject
 from tests.commands import refusal, run
 from tests.files.formats.cases import HEIGHT, WIDTH
 from tests.schemas import load_valid
 from tests.several import IDS, MESHES, STARTS, make_bop
+from tests.view_sets import TRUTH, write_two
 
 
 def test_there_and_back(folder, capsys):
@@ -187,3 +191,14 @@ def test_a_scene_becomes_one_gltf_file_and_one_of_its_objects_a_pose_file(folder
     assert data["model"]["file"] == "front.ply"
     wanted = STARTS[1].pose.camera_from_model.translation
     assert data["camera_from_model"]["translation"] == wanted.tolist()
+
+
+def test_nothing_is_written_where_bop_lacks_an_objects_number(tmp_path: Path, capsys) -> None:
+    cameras, ball, _ = write_two(tmp_path)
+    scene, out = load_scene(cameras), tmp_path / "out"
+    place = scene.views[0].world_from_model(TRUTH[0])
+    item = SceneObject(id="ball", model=model_file(ball), world_from_model=place)
+    save_scene(tmp_path / "ball.scene.json", replace(scene, objects=(item,)))
+    line = "convert", tmp_path / "ball.scene.json", out, "--from", "scene", "--to", "bop"
+    assert "--object ball=NUMBER" in refusal(capsys, *line, "--unit", "mm")
+    assert not out.exists()

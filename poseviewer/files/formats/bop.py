@@ -334,6 +334,16 @@ def object_numbers(scene: Scene, options: c.ConvertOptions) -> list[int]:
     return numbers
 
 
+def require_numbers(scene: Scene, options: c.ConvertOptions) -> None:
+    """Require the objects' numbers and the models' unit.
+
+    Raises:
+        PoseFileError: one is not known.
+    """
+    options.lengths_in(UNIT, scene, "BOP")
+    object_numbers(scene, options)
+
+
 def image_number(scene: Scene, options: c.ConvertOptions, view: int = 0) -> int:
     """Number of a view's image: what the user says, else by the photo's name."""
     name = scene.views[view].file.location.name
@@ -424,5 +434,11 @@ def _transform(file: InputFile, said: dict[str, Any], way: str, what: str) -> Ri
 
 
 BOP = c.Format(
-    write_bop, read_bop, several_objects=True, several_of_both=True, appends=True, photos_in="rgb"
+    write_bop,
+    read_bop,
+    several_objects=True,
+    several_of_both=True,
+    appends=True,
+    photos_in="rgb",
+    require=require_numbers,
 )

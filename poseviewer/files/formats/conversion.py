@@ -197,11 +197,14 @@ class Format:
     """Folder, in the output, of undistorted photos, and of all of several; None: beside the file
     that is written.
     """
+    require: Callable[[Scene, ConvertOptions], object] = lambda _scene, _options: None
+    """Raises ``PoseFileError`` for what is not known, before any photo is written."""
 
     def convert(
         self, scene: Scene, out: Path, options: ConvertOptions
     ) -> tuple[list[Path], list[str]]:
         """Write a scene, and undistorted photos if need be; return all files, and notes."""
+        self.require(scene, options)
         notes, photos, views = list[str](), list[Path](), list[View]()
         as_taken, undone = dict[str, list[str]](), list[str]()
         for number, view in enumerate(self._views_that_it_holds(scene, notes)):
