@@ -3,7 +3,8 @@
 // photo, world units), steps (labels of the left panel's tabs), first (the tab that opens first),
 // widths (of the window, px, at which the panels become narrower), palette (sRGB of the maps'
 // colours, the lowest loss first), keys (by event.code or event.key: call, a function of this page,
-// else the key is reported; label, of its button; opens, whether it opens its step, "forward" only from an earlier one, or "always";
+// else the key is reported; label, of its button; opens, whether it opens its step, "forward" only
+// from an earlier one, or "always";
 // leave, whether the browser keeps it while ctrl is held), largest and most (bytes and files of an
 // upload), style, icon.
 //
@@ -928,7 +929,7 @@ function sayMap(map, event) {
   const loss = low + ((high - low) * level) / (CONFIG.palette.length - 1);
   const numbers = axes.map(([name, first, last], i) =>
     `${name} ${Number((first + [u, v][i] * (last - first)).toPrecision(4))}`);
-  sayAt(event.clientX, box, [...numbers, `${what} ${loss.toFixed(3)}`].join(" · "), [0, innerWidth]);
+  sayAt(event.clientX, box, [...numbers, `${what} ${Number.isFinite(loss) ? loss.toFixed(3) : "not known"}`].join(" · "), [0, innerWidth]);
 }
 
 addEventListener("pointermove", showTip);
