@@ -21,7 +21,7 @@ LOADER = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
 """Every number a text, every tag and anchor plain; libyaml's where PyYAML was built with it."""
 NO_BLANK = re.compile(r"^([^\S\n]*+(?=[\w.]*[A-Za-z])[\w.]++):(?=[\[{\"!\d.+-])", re.MULTILINE)
 """A key of YAML, and its colon without a blank behind it."""
-FLOW = re.compile(r"^\s*+- \{.*", re.MULTILINE)
+FLOW = re.compile(r"^[^\S\n]*+- \{.*", re.MULTILINE)
 """A line of YAML with a mapping in braces."""
 NO_BLANK_IN_FLOW = re.compile(r"([{,]\s*+[A-Za-z]\w*+):(?=[\[{\"!\d.+-])")
 """``NO_BLANK`` in it."""

@@ -55,6 +55,8 @@ WIDTH = 640
 GAP = 6
 """px: width of each picture of a sheet, and gap between two of them."""
 SMALL = (1120, 640)
+WITHOUT_MAPS = 0, 986
+"""Columns of ``WINDOW`` beside the panel of the maps, px."""
 WINDOW, LARGE = (1280, 720), (1440, 900)
 """CSS px of the app's window; the large one has room for the maps of two losses."""
 SETTLED_S = 12
@@ -134,8 +136,9 @@ def open_app(
 
 
 def save_page(
-    path: Path, tab: AppPage, settled: bool = True, columns: tuple[int, int] | None = None
-) -> None:
+    path: Path, tab: AppPage, settled: bool = True, columns: tuple[int, int] | None = None,
+    quality: int = QUALITY,
+) -> None:  # fmt: skip
     """Write what the page shows, or its columns of px, once it has not changed for a while."""
     before, still = "", 0
     for _ in range(MAX_SECONDS if settled else 0):
@@ -149,7 +152,7 @@ def save_page(
         tab.settled_picture()
     picture = Image.open(BytesIO(tab.page.screenshot())).convert("RGB")
     left, right = columns or (0, picture.width)
-    save(path, picture.crop((left, 0, right, picture.height)))
+    save(path, picture.crop((left, 0, right, picture.height)), quality)
 
 
 def press(tab: AppPage, button: str) -> None:
@@ -455,23 +458,26 @@ def make_table(folder: Path) -> None:
         shown = LARGE_CAMERA.project(cameras[index].apply(things[name].vertices))
         tab.fit_to_box(shown, size)
 
+    def show(name: str) -> None:
+        save_page(DOCS / f"table_{name}.jpg", tab, columns=WITHOUT_MAPS, quality=60)
+
     for name in ("box", "bumpy"):
         mesh = things[name]
         save_model(folder / f"{name}.ply", replace(mesh, vertices=mesh.vertices - mesh.centre))
     with open_app(folder, film, folder / "box.ply", first=f"frame 1 of {FRAMES}") as tab:
         place("box", 0)
         tab.wait_for_text("· key")
-        save_page(DOCS / "table_film.jpg", tab)
+        show("film")
         press(tab, "it stands still")
         tab.page.get_by_label("Markers' side").first.fill(f"{MARKER}")
         tab.page.get_by_label("Markers' side").first.blur()
-        save_page(DOCS / "table_markers.jpg", tab)
+        show("markers")
         press(tab, "Find the cameras")
         tab.wait_for_text(f"photo 1 of {FRAMES}")
         tab.open_step(3)
         tab.page.keyboard.press("Space")
-        tab.wait_for_text("found")
-        save_page(DOCS / "table_found.jpg", tab)
+        tab.wait_for_text("Verdict: ")
+        show("found")
         tab.add_object(folder / "bumpy.ply")
         tab.wait_for_text("not placed")
         for _ in range(8):
@@ -481,13 +487,13 @@ def make_table(folder: Path) -> None:
         tab.open_step(3)
         press(tab, "Search all")
         press(tab, "Keep it")
-        save_page(DOCS / "table_all.jpg", tab)
+        show("all")
         tab.open_step(5)
         tab.page.get_by_label("Format", exact=True).first.click()
         tab.page.get_by_role("option", name="bop", exact=True).click()
         press(tab, "Export as")
         tab.wait_for_text("Numbers in BOP")
-        save_page(DOCS / "table_export.jpg", tab)
+        show("export")
 
 
 def make_painted(_folder: Path) -> None:
