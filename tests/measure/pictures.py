@@ -449,51 +449,25 @@ def make_time_line(folder: Path) -> None:
 
 
 def make_table(folder: Path) -> None:
-    """A film of a table on its way to a data set: film, cameras, first and second thing, export."""
+    """A film of a table: a thing that is placed in it, and the question where the cameras stood."""
     film, size = folder / "film", (LARGE_CAMERA.width, LARGE_CAMERA.height)
     film.mkdir()
-    cameras, things = draw_room(film, FRAMES, True), models()
-
-    def place(name: str, index: int) -> None:
-        shown = LARGE_CAMERA.project(cameras[index].apply(things[name].vertices))
-        tab.fit_to_box(shown, size)
+    (first, *_), thing = draw_room(film, FRAMES, True), models()["box"]
+    shown = LARGE_CAMERA.project(first.apply(thing.vertices))
 
     def show(name: str) -> None:
         save_page(DOCS / f"table_{name}.jpg", tab, columns=WITHOUT_MAPS, quality=60)
 
-    for name in ("box", "bumpy"):
-        mesh = things[name]
-        save_model(folder / f"{name}.ply", replace(mesh, vertices=mesh.vertices - mesh.centre))
+    moved = replace(thing, vertices=thing.vertices - thing.centre)
+    save_model(folder / "box.ply", moved)
     with open_app(folder, film, folder / "box.ply", first=f"frame 1 of {FRAMES}") as tab:
-        place("box", 0)
+        tab.fit_to_box(shown, size)
         tab.wait_for_text("· key")
         show("film")
         press(tab, "it stands still")
         tab.page.get_by_label("Markers' side").first.fill(f"{MARKER}")
         tab.page.get_by_label("Markers' side").first.blur()
         show("markers")
-        press(tab, "Find the cameras")
-        tab.wait_for_text(f"photo 1 of {FRAMES}")
-        tab.open_step(3)
-        tab.page.keyboard.press("Space")
-        tab.wait_for_text("Verdict: ")
-        show("found")
-        tab.add_object(folder / "bumpy.ply")
-        tab.wait_for_text("not placed")
-        for _ in range(8):
-            tab.page.keyboard.press(".")
-        tab.wait_for_text("photo 9 ")
-        place("bumpy", 8)
-        tab.open_step(3)
-        press(tab, "Search all")
-        press(tab, "Keep it")
-        show("all")
-        tab.open_step(5)
-        tab.page.get_by_label("Format", exact=True).first.click()
-        tab.page.get_by_role("option", name="bop", exact=True).click()
-        press(tab, "Export as")
-        tab.wait_for_text("Numbers in BOP")
-        show("export")
 
 
 def make_painted(_folder: Path) -> None:
