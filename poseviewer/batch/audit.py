@@ -65,7 +65,7 @@ def load_given_jobs(results: Path, settings: FitSettings) -> tuple[Job, ...]:
     return with_keys(jobs, settings)
 
 
-def load_frame_jobs(path: Path, out: Path, settings: FitSettings) -> tuple[Job, ...]:
+def load_scene_file_jobs(path: Path, out: Path, settings: FitSettings) -> tuple[Job, ...]:
     """Make rows of the poses in a sequence's frames, or in the photos of a set, and save these
     poses in ``out``.
 

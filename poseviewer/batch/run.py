@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from poseviewer.batch.audit import load_frame_jobs, load_given_jobs, save_audited
+from poseviewer.batch.audit import load_given_jobs, load_scene_file_jobs, save_audited
 from poseviewer.batch.bop_rows import load_scene_jobs, save_bop_poses
 from poseviewer.batch.html_report import save_report
 from poseviewer.batch.job_table import Job, load_jobs
@@ -71,7 +71,7 @@ def open_batch(
     folder = Path(folder).resolve()
     scene = None
     is_batch = is_audit and (table / MANIFEST).exists()
-    is_sequence = is_audit and is_scene_file(table)
+    is_of_scene = is_audit and is_scene_file(table)
     if table.is_dir() and not is_batch:
         scene = str(table.resolve())
         jobs = load_scene_jobs(table.resolve(), folder, settings, models, objects)
@@ -80,8 +80,8 @@ def open_batch(
             f"models or objects with {table.name}, which is no BOP scene: "
             "they are for the folder of a BOP scene; leave them out, or name such a folder."
         )
-    elif is_sequence:
-        jobs = load_frame_jobs(table.resolve(), folder, settings)
+    elif is_of_scene:
+        jobs = load_scene_file_jobs(table.resolve(), folder, settings)
     elif is_batch:
         jobs = load_given_jobs(table.resolve(), settings)
     else:
@@ -97,9 +97,9 @@ def open_batch(
         raise BatchError(f"{folder}: is what is read; name another folder for the results.")
     if is_audit:  # the same rows of a batch have other results
         jobs = tuple(replace(job, key=f"audit-{job.key}") for job in jobs)
-    for name in (TABLE, REPORT, MANIFEST, *([table.name] if is_sequence else [])):
+    for name in (TABLE, REPORT, MANIFEST, *([table.name] if is_of_scene else [])):
         require_replaceable(folder / name, BatchError)
-    sequence = str(table.resolve()) if is_sequence else None
+    sequence = str(table.resolve()) if is_of_scene else None
     mask = mask and replace(mask, path=mask.path.resolve())
     given = scene, mask, is_audit, sequence, features and features.resolve()
     batch = Batch(folder, jobs, settings, *given)

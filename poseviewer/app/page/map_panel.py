@@ -146,7 +146,7 @@ class LossGrid:
         ]
 
     def _numbers(self, piece: Slice) -> str:
-        """What the page's script needs to say the numbers under the pointer (JSON)."""
+        """Numbers of a map by which the page's script says those under the pointer (JSON)."""
         axes = (piece.first, piece.first_values), (piece.second, piece.second_values)
         known = piece.losses[np.isfinite(piece.losses)]
         numbers = {
