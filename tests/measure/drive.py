@@ -368,9 +368,12 @@ def press(tab: AppPage, key: str, times: int = 1) -> None:
 
 
 def is_same(one: Document, other: Document) -> bool:
-    """Whether two documents are one; or, as undo reads photos of many views anew, say the same."""
+    """Whether two documents are one, whichever view is large: to show another is no step. Undo
+    reads photos of many views anew; such documents have to say the same.
+    """
     told = (scene_contents(Path("same.json"), as_saved(each.scene)) for each in (one, other))
-    return one is other or (bool(other.stepped) and next(told) == next(told))
+    is_scene = one.scene is other.scene or (bool(other.stepped) and next(told) == next(told))
+    return is_scene and one.states is other.states and one.active == other.active
 
 
 def undo_all(tab: AppPage, running: RunningApp) -> None:
