@@ -26,7 +26,8 @@ EVERY = table.SEQUENCE[0]
 OF_MARKERS = (
     table.option(
         "--marker-size LENGTHS",
-        "set the side of the markers' black squares, in the units of --unit (default: unknown)",
+        "set the side of the markers' black squares, in the units of --unit, which is the scale of "
+        "cameras by features, too (default: unknown)",
     ),
     table.option(
         "--unit NAME", "set the unit of --marker-size, such as m or mm (default: the model's)"
@@ -59,7 +60,7 @@ OPTIONS = {
 }
 EXAMPLES = (
     "poseviewer cameras table.mp4 --out set",
-    "poseviewer cameras photos/ --by markers --marker-size 0.05 --unit m --out set",
+    "poseviewer cameras photos/ --by features --marker-size 0.05 --unit m --out set",
 )
 STOPPED = "no set was written; frames of a video that were read are kept"
 

@@ -177,6 +177,12 @@ def detector_of(family: str, border: int = 0) -> cv2.aruco.ArucoDetector:
     return detector
 
 
+def module_share(detector: cv2.aruco.ArucoDetector) -> float:
+    """Return the width of the black border in the side of the markers that a detector looks for."""
+    border = detector.getDetectorParameters().markerBorderBits
+    return 1.0 / (detector.getDictionary().markerSize + 2 * border)
+
+
 def _detector_of_board(paths: Sequence[Path], family: str) -> cv2.aruco.ArucoDetector:
     """Return the detector by which most markers are found in some of the pictures."""
     pictures = Pictures(_some(paths))
@@ -208,8 +214,7 @@ def place_by_markers(
     found = dict[int, dict[int, FloatArray]]()
     twice = dict[int, list[str]]()
     detector = _detector_of_board(paths, family) if board.places else detector_of(family)
-    border = detector.getDetectorParameters().markerBorderBits
-    module_share = 1.0 / (detector.getDictionary().markerSize + 2 * border)
+    share = module_share(detector)
     for index, path in enumerate(paths):
         tell(f"markers {index + 1} of {len(paths)}")
         grey = pictures.read(index)
@@ -221,7 +226,7 @@ def place_by_markers(
         for number in (one for one in count if count[one] > 1):
             twice.setdefault(number, []).append(path.name)
         found[index] = {
-            number: pictures.straighten(refine_corners(grey, own[0].astype(float), module_share))
+            number: pictures.straighten(refine_corners(grey, own[0].astype(float), share))
             for number, own in zip(numbers, corners, strict=True)
             if count[number] == 1
         }
@@ -588,7 +593,7 @@ class _MarkerLayout:
             x_scale="jac", max_nfev=steps,
         )  # fmt: skip
         solution = unpack(end.x)
-        other = _is_of_other_size(solution.markers[markers, 6])
+        other = is_of_other_size(solution.markers[markers, 6])
         if of_own_size is None and other.any():
             return self._solve(solution, seen, other, steps)
         return solution
@@ -639,7 +644,7 @@ class _MarkerLayout:
         pictures, notes = self.pictures, self.notes
         markers = np.unique(seen.markers)
         sizes = solution.markers[markers, 6]
-        other = _is_of_other_size(sizes)
+        other = is_of_other_size(sizes)
         usual = 1.0 if self.board.places else float(np.exp(np.mean(sizes[~other])))
         for marker, size in zip(markers[other], sizes[other], strict=True):
             if not self.board.places:
@@ -676,7 +681,7 @@ class _MarkerLayout:
         return [f"{found}: are its numbers those of this print?"]
 
 
-def _is_of_other_size(sizes: FloatArray) -> NDArray[np.bool_]:
+def is_of_other_size(sizes: FloatArray) -> NDArray[np.bool_]:
     """Tell which markers have another size than most; ``sizes``: logarithms of their sides."""
     alike = np.abs(sizes[:, None] - sizes) < np.log(SIZE_RATIO)
     return ~alike[int(alike.sum(axis=1).argmax())]

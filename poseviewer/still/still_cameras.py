@@ -21,6 +21,7 @@ from poseviewer.geometry.lens import Undistortion
 from poseviewer.processes import iterate_in_subprocess
 from poseviewer.scene.types import Scene, View
 from poseviewer.still.features import place_by_features
+from poseviewer.still.marker_scale import scale_by_markers
 from poseviewer.still.markers import MIN_SHARE, place_by_markers, survey_markers
 from poseviewer.still.pictures import MIN_PICTURES, Placement, Tell
 
@@ -119,7 +120,8 @@ def find_cameras(
         by: features of the scene, markers in it, or markers where they are seen in most pictures.
         camera: the camera, or with its lens the map from the pictures as taken; None: EXIF's focal
             length is where the search for it begins.
-        marker_size: side of the markers, black edge to black edge.
+        marker_size: side of the markers, black edge to black edge: with features the scale of the
+            cameras is told by those that are seen.
         unit: of ``marker_size``.
         board: where some of the markers are, on a board whose frame is the world then.
 
@@ -134,8 +136,6 @@ def find_cameras(
     if len(paths) < MIN_PICTURES:
         count = f"{len(paths)} picture{'' if len(paths) == 1 else 's'}"
         raise SettingsError(f"{count}; wanted two or more of one scene.")
-    if by == "features" and marker_size is not None:
-        raise SettingsError("a size of markers with features, which need none; leave it out.")
     if unit is not None and marker_size is None:
         raise SettingsError("a unit without the markers' size, which it is of; give both.")
     if board.places and by == "features":
@@ -160,21 +160,21 @@ def place_pictures(
 ) -> FoundCameras:  # fmt: skip
     """Find the cameras, as ``find_cameras``, telling lines; ``folder``: an empty one."""
     family, by = board.family, "markers" if board.places else by
-    if by != "features" and not family:
+    if not family and (by != "features" or marker_size is not None):
         tell("looking for markers")
         family, share = survey_markers(paths)
-        if by == "markers" and not family:
+        if not family and (by == "markers" or marker_size is not None):
             wanted = "wanted ArUco or AprilTag markers: whole, unmirrored, with a white margin"
             raise SettingsError(f"no marker in the pictures that were looked at; {wanted}.")
-        if by == "auto" and share < MIN_SHARE:
-            family = ""
-    if by == "auto" and not family and marker_size is not None:
-        found = "a size of markers is given, and too few pictures show two markers or more"
-        raise SettingsError(f"{found}; leave it out, or choose markers.")
-    if family:
+        if by == "auto":
+            by = "markers" if share >= MIN_SHARE else "features"
+    if by == "markers":
         placement = place_by_markers(tell, paths, camera, family, marker_size, board)
         return FoundCameras("markers", placement)
-    return FoundCameras("features", place_by_features(tell, paths, camera, folder))
+    placement = place_by_features(tell, paths, camera, folder)
+    if marker_size is not None:
+        placement = scale_by_markers(tell, placement, paths, family, marker_size)
+    return FoundCameras("features", placement)
 
 
 def _as_views(
@@ -198,6 +198,6 @@ def _as_views(
         notes += (f"{found_px} ({max(residuals[n] for n in bad):.1f} px): {why}.",)
     focals = tuple(dict.fromkeys(round(focal, 1) for focal in result.focals_px.values()))
     return StillCameras(
-        name, found.by, views, unit, result.unit_known, residuals,
+        name, found.by, views, unit if result.unit_known else None, result.unit_known, residuals,
         {paths[index].name: why for index, why in sorted(result.left_out.items())}, focals, notes,
     )  # fmt: skip

@@ -201,11 +201,12 @@ def place_all(
 
 
 def measure(
-    name: str, by: str, is_calibrated: bool, count: int, verbose: bool, with_objects: bool
+    name: str, by: str, is_calibrated: bool, count: int, options: argparse.Namespace
 ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Find the cameras of a film and return a row of the table, and those of its objects."""
     is_real = name == "rbt"
-    size = (RBT_MARKER if is_real else MARKER) if by == "markers" else None
+    has_size = by == "markers" or options.sized
+    size = (RBT_MARKER if is_real else MARKER) if has_size else None
     with tempfile.TemporaryDirectory() as folder:
         if is_real:
             paths = sorted((RBT / "frames").glob("*.jpg"))
@@ -217,13 +218,13 @@ def measure(
         began = time.perf_counter()
         known = camera if is_calibrated else None
         steps = find_cameras(paths, by, camera=known, marker_size=size, unit=size and "m")  # pyright: ignore[reportArgumentType]
-        found = last(steps, verbose)
+        found = last(steps, options.verbose)
         seconds = time.perf_counter() - began
         for line in found.lines:
             print(name, by, line)
         by_name = {path.name: place for path, place in zip(paths, true, strict=True)}
         objects = list[tuple[str, ...]]()
-        if with_objects:
+        if options.objects:
             for row in place_all(name, found, by_name):
                 print(*row)
                 objects.append(row)
@@ -245,11 +246,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("names", nargs="*", default=["rbt", "room", "markers"])
     parser.add_argument("--by", nargs="*", default=["features", "markers"])
     parser.add_argument("--frames", type=int, default=60, help="of the drawn films")
+    parser.add_argument("--sized", action="store_true", help="markers' side by features, too")
     parser.add_argument("--objects", action="store_true")
     parser.add_argument("--verbose", action="store_true")
     options = parser.parse_args(arguments)
     rows = [
-        measure(name, by, is_calibrated, options.frames, options.verbose, options.objects)
+        measure(name, by, is_calibrated, options.frames, options)
         for name in options.names
         for by in options.by
         if name != "room" or by == "features"

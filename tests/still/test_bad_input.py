@@ -250,5 +250,7 @@ def test_pictures_that_share_no_marker_do_not_hang_together(tmp_path):
 
 def test_without_markers_their_size_is_refused(tmp_path):
     paths = write_pictures(tmp_path / "m", ARC[:2], boxes=BOXES)
-    with pytest.raises(SettingsError, match="two markers or more"):
+    with pytest.raises(SettingsError, match="no marker in the pictures"):
         place(paths, "auto", tmp_path, marker_size=MARKER)
+    with pytest.raises(SettingsError, match="no marker in the pictures"):
+        place(paths, "features", tmp_path, marker_size=MARKER)

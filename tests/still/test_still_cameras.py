@@ -85,6 +85,20 @@ def test_markers_find_cameras_in_their_unit(pictures):
     assert not free.is_scale_known
 
 
+@pytest.mark.slow
+@pytest.mark.long
+def test_one_marker_scales_cameras_by_features(tmp_path):
+    paths = write_pictures(tmp_path / "m", CAMERAS, MARKERS[:1])
+    steps = list(find_cameras(paths, "features", marker_size=MARKER, unit="mm"))
+    found = last(steps)
+    assert (found.by, found.unit, found.is_scale_known) == ("features", "mm", True)
+    assert "markers in 12 of 12" in steps
+    degrees, percent = off(found.views, scale=1.0)
+    assert degrees < 0.1
+    assert percent < 0.3
+    assert not found.notes
+
+
 def test_the_world_stands_on_the_marker_that_is_seen_most(pictures):
     found = last(find_cameras(pictures[:4], "markers", camera=CAMERA))
     above = [view.camera_from_world.inverse().translation[2] for view in found.views]

@@ -72,7 +72,7 @@ STILL_TEXT = (
     "Nothing moves but the camera. Where it stood in each frame is found from the pictures; then "
     "an object that is placed in one frame is placed in all. Undo brings the sequence back."
 )
-SIDE_HINT = "Side of a marker's black square, which says the scale; 0: not known"
+SIDE_HINT = "Side of a marker's black square: the scale, by features too; 0: not known"
 PAGE_CONFIG = {
     "plane": {"depth": DEPTH, "side": SIDE},
     "steps": list(STEPS),
