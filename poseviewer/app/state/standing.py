@@ -14,25 +14,28 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.mask import Mask
 from poseviewer.opening.photo_sets import LoadedViews
 from poseviewer.opening.scenes import known_scale, scale_of_views
-from poseviewer.scene.types import Frame, InView, Scene, SceneObject, View
+from poseviewer.scene.types import InView, Scene, SceneObject, View
 
 if TYPE_CHECKING:
     from poseviewer.still.still_cameras import StillCameras
 
 
 @edit
-def stand_still(session: Session, frames: tuple[Frame, ...], found: StillCameras) -> Session:
+def stand_still(
+    session: Session, before: Document, found: StillCameras, still: Document
+) -> Session:
     """Make a sequence the scene of views whose cameras were found, unless other frames are open.
 
     Args:
         session: before the edit.
-        frames: those of which the cameras are.
+        before: document whose frames' cameras were found.
         found: the cameras, of the frames' files; their photos may be at rest.
+        still: what ``still_document`` makes of both, unless the document was edited meanwhile.
     """
-    now = session.document
+    now, frames = session.document, before.scene.frames
     if [frame.file.location for frame in now.scene.frames] != [f.file.location for f in frames]:
         return session
-    document = still_document(now, found)
+    document = still if now is before else still_document(now, found)
     return open_document(document, unsaved=True, looks=False)(session)
 
 

@@ -53,10 +53,11 @@ def find_still_cameras(choice: StillChoice) -> QueuedTask:
                     else:
                         tell(0.0, 0, f"Finding the cameras: {step} ...")
         assert found is not None
+        tell(0.0, 0, "Placing the objects in all frames ...")
         views = tuple(open_calibrated(view, len(found.views)) for view in found.views)
         found = replace(found, views=views)
-        notes = still_document(document, found).scene.notes
-        return TaskResult((stand_still(frames, found),), notes)
+        still = still_document(document, found)
+        return TaskResult((stand_still(document, found, still),), still.scene.notes)
 
     return QueuedTask(run, WORKING)
 

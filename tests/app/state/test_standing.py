@@ -12,7 +12,7 @@ from poseviewer.app.state.document import Document
 from poseviewer.app.state.edits import undo
 from poseviewer.app.state.objects import add_object, set_unit
 from poseviewer.app.state.session import Session
-from poseviewer.app.state.standing import stand_still
+from poseviewer.app.state.standing import stand_still, still_document
 from poseviewer.app.workers.finding_cameras import (
     StillChoice,
     find_still_cameras,
@@ -60,7 +60,8 @@ def keyed(index: int = 0) -> Session:
 
 
 def still(session: Session, found: StillCameras) -> Session:
-    return after(session, stand_still(session.document.scene.frames, found))
+    document = session.document
+    return after(session, stand_still(document, found, still_document(document, found)))
 
 
 def off_px(document: Document, view: int) -> float:
@@ -193,7 +194,17 @@ def test_cameras_of_frames_that_are_no_longer_open_change_nothing():
     found = cameras(session.document)
     other = with_frames(session.document.scene, session.document.scene.frames[:3])
     opened = replace(session, document=Document.of(other))
-    assert after(opened, stand_still(session.document.scene.frames, found)) is opened
+    before = session.document
+    done = stand_still(before, found, still_document(before, found))
+    assert after(opened, done) is opened
+
+
+def test_an_object_that_was_moved_while_cameras_were_found_stays_where_it_is():
+    session, moved = keyed(), keyed(1)
+    found = cameras(session.document)
+    done = stand_still(session.document, found, still_document(session.document, found))
+    assert after(moved, done).document.view_index == 1
+    assert off_px(after(moved, done).document, 1) < 1.0
 
 
 def test_a_calibrated_camera_is_given_and_that_of_a_pose_is_not():
