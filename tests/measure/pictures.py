@@ -21,6 +21,7 @@ from assets.source.data_folder import ROOT
 from poseviewer import load
 from poseviewer.app.state.dragging import rotate
 from poseviewer.cli.main import main as command_line
+from poseviewer.confidence.verdict import LABELS
 from poseviewer.evaluation.cases import Case
 from poseviewer.files.demo import demo_case
 from poseviewer.files.marks import PointPairs
@@ -449,25 +450,49 @@ def make_time_line(folder: Path) -> None:
 
 
 def make_table(folder: Path) -> None:
-    """A film of a table: a thing that is placed in it, and the question where the cameras stood."""
+    """A film of a table: things are placed in one frame, found in all, and sent as a data set."""
     film, size = folder / "film", (LARGE_CAMERA.width, LARGE_CAMERA.height)
     film.mkdir()
-    (first, *_), thing = draw_room(film, FRAMES, True), models()["box"]
-    shown = LARGE_CAMERA.project(first.apply(thing.vertices))
+    (first, *_), things = draw_room(film, FRAMES, True), models()
+    shown = {
+        name: LARGE_CAMERA.project(first.apply(thing.vertices)) for name, thing in things.items()
+    }
+    for name in ("box", "car"):
+        thing = things[name]
+        moved = replace(thing, vertices=thing.vertices - thing.centre)
+        save_model(folder / f"{name}.ply", moved)
 
     def show(name: str) -> None:
         save_page(DOCS / f"table_{name}.jpg", tab, columns=WITHOUT_MAPS, quality=60)
 
-    moved = replace(thing, vertices=thing.vertices - thing.centre)
-    save_model(folder / "box.ply", moved)
     with open_app(folder, film, folder / "box.ply", first=f"frame 1 of {FRAMES}") as tab:
-        tab.fit_to_box(shown, size)
+        tab.fit_to_box(shown["box"], size)
         tab.wait_for_text("· key")
         show("film")
         press(tab, "it stands still")
         tab.page.get_by_label("Markers' side").first.fill(f"{MARKER}")
         tab.page.get_by_label("Markers' side").first.blur()
         show("markers")
+        press(tab, "Find the cameras")
+        tab.wait_for_text(f"{FRAMES} of {FRAMES} pictures have cameras")
+        tab.page.keyboard.press("Space")
+        tab.wait_for_text("Verdict: ")
+        show("found")
+        tab.add_object(folder / "car.ply")
+        tab.until(lambda: tab.verdicts().get("car.ply") == "not placed")
+        tab.fit_to_box(shown["car"], size)
+        tab.page.keyboard.press("Space")
+        tab.until(lambda: tab.verdicts()["car.ply"] in LABELS)
+        for _ in range(FRAMES - 1):
+            tab.page.keyboard.press(".")
+        tab.wait_for_text(f"photo {FRAMES} of {FRAMES}")
+        show("two")
+        tab.open_step(5)
+        tab.page.get_by_label("Format", exact=True).first.click()
+        tab.page.get_by_role("option", name="bop", exact=True).click()
+        press(tab, "Export as")
+        tab.wait_for_text("Numbers in BOP")
+        show("bop")
 
 
 def make_painted(_folder: Path) -> None:
