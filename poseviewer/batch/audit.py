@@ -73,13 +73,13 @@ def load_scene_file_jobs(path: Path, out: Path, settings: FitSettings) -> tuple[
         BatchError: there is none.
     """
     scene, jobs = load_scene(path), list[Job]()
-    make_folder(out / STARTS, BatchError)
     for number in range(len(scene.frames) or len(scene.views)):
         shown, view = (show_frame(scene, number), 0) if scene.frames else (scene, number)
         saved = as_saved(shown)
         for index, item in enumerate(shown.objects):
             if not _is_given(shown, index, view):
                 continue
+            make_folder(out / STARTS, BatchError)
             start = out / STARTS / f"{number:06d}-{index}.json"
             masks = shown.mask(index, view), shown.occluders(index, view)
             save_start(start, pose_json(saved, index, view), *masks)

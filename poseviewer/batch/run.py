@@ -71,7 +71,7 @@ def open_batch(
     folder = Path(folder).resolve()
     scene = None
     is_batch = is_audit and (table / MANIFEST).exists()
-    is_of_scene = is_audit and is_scene_file(table)
+    is_of_scene = is_audit and (table.suffix.lower() == ".json" or is_scene_file(table))
     if table.is_dir() and not is_batch:
         scene = str(table.resolve())
         jobs = load_scene_jobs(table.resolve(), folder, settings, models, objects)

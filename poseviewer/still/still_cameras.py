@@ -93,8 +93,9 @@ class StillCameras:
         said += [
             "lens: " + ", ".join(f"{number:.4g}" for number in lens.coefficients) for lens in lenses
         ]
-        scale = f"known, in {self.unit or 'units of the model'}"
-        said.append(f"scale: {scale if self.is_scale_known else 'not known'}")
+        known = f"known, in {self.unit or 'units of the model'}"
+        unknown = "not known; with `marker_size` it is, where markers are seen"
+        said.append(f"scale: {known if self.is_scale_known else unknown}")
         reasons = dict[str, list[str]]()
         for name, reason in out.items():
             reasons.setdefault(reason, []).append(name)

@@ -34,7 +34,7 @@ from poseviewer.batch.result_folder import (
     worst_first,
 )
 from poseviewer.batch.run import open_batch, run_batch, save_summaries
-from poseviewer.errors import EXIT_MENDABLE, BatchError
+from poseviewer.errors import EXIT_MENDABLE, BatchError, PoseViewerError
 from poseviewer.files.formats.bop import BopObject
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_assets import model_file
@@ -321,6 +321,17 @@ def test_poses_of_a_sequence_are_audited(tmp_path: Path) -> None:
         wanted = before.rigid if pose is None else pose
         np.testing.assert_allclose(after.rigid.translation, wanted.translation)
     assert audited.frame_index == given.frame_index
+
+
+def test_photos_without_objects_and_other_json_are_refused(tmp_path: Path) -> None:
+    cameras, *_ = write_two(tmp_path)
+    with pytest.raises(BatchError, match="no pose in a photo of it"):
+        open_batch(cameras, tmp_path / "audit", QUICK, is_audit=True)
+    assert not (tmp_path / "audit").exists()
+    other = tmp_path / "other.json"
+    other.write_text('{"a": 1}')
+    with pytest.raises(PoseViewerError, match=r"other\.json"):
+        open_batch(other, tmp_path / "audit", QUICK, is_audit=True)
 
 
 def audit_of_two(folder: Path, aside: float = 0.0) -> Batch:

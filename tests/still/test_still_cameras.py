@@ -52,7 +52,7 @@ def test_features_find_cameras_and_focal_length_of_an_unknown_camera(pictures):
     assert any(str(step).startswith("matched ") for step in steps)
     assert "placed 12 of 12" in steps
     assert "12 of 12 pictures have cameras, by features" in found.lines
-    assert "scale: not known" in found.lines
+    assert "scale: not known; with `marker_size` it is, where markers are seen" in found.lines
 
 
 @pytest.mark.slow

@@ -76,6 +76,7 @@ WAYS = {
     "camera": "a file of it alone",
     "folder": "a drop of all files",
     "keep_start": "keeping the start",
+    "marker_size": "the markers' side",
     "model": "the model",
     "photo": "the photo",
     "photo_size": "its size",
