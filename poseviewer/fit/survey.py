@@ -27,6 +27,7 @@ from poseviewer.geometry.charts import OutsideChartError
 from poseviewer.geometry.mesh import hull_points
 from poseviewer.losses.loss import LossScale
 from poseviewer.render.attributes import Renderer
+from poseviewer.render.pool import RendererPool
 from poseviewer.scene.types import Scene
 
 ROBUST_ROUNDS = 10
@@ -75,21 +76,26 @@ def survey(
         view_indices: indices of the views.
         probed: features of the pose by some views together, for the losses of poses elsewhere.
         renderer: renderer of the object.
-        threads: number of threads.
+        threads: number of threads, which look at a photo each.
     """
-    for index in view_indices:
+
+    def look(own: Renderer, index: int) -> SurveyedView | None:
         one = _alone(scene, object_index, index)
-        with suppress(PoseViewerError):  # hidden there by others, or the photo cannot be read
+        try:
             problem, pose = make_problem(one, object_index)[0], one.pose(object_index)
-            loss, covariance = pose_loss(problem, renderer, problem.start), None
-            about = problem, renderer, pose, threads
-            with closing(Probe(*about)) as probe:
-                features, _ = gather_features(probe, probed)
-            unknown = PoseViewerError, OutsideChartError, np.linalg.LinAlgError
-            if features is not None:
-                with suppress(*unknown), closing(Probe(*about, is_fine=True)) as probe:
-                    covariance = find_covariance(probe, features.seen, is_at_minimum=True)
-            yield SurveyedView(index, loss, problem.scale, judge(features), covariance)
+        except PoseViewerError:  # hidden there by others, or the photo cannot be read
+            return None
+        loss, covariance = pose_loss(problem, own, problem.start), None
+        with closing(Probe(problem, own, pose)) as probe:
+            features, _ = gather_features(probe, probed)
+        unknown = PoseViewerError, OutsideChartError, np.linalg.LinAlgError
+        if features is not None:
+            with suppress(*unknown), closing(Probe(problem, own, pose, is_fine=True)) as probe:
+                covariance = find_covariance(probe, features.seen, is_at_minimum=True)
+        return SurveyedView(index, loss, problem.scale, judge(features), covariance)
+
+    with RendererPool(renderer, threads) as pool:  # photos, not their poses, are shared out
+        yield from filter(None, pool.map(look, view_indices, at_a_time=1))
 
 
 def _alone(scene: Scene, object_index: int, view_index: int) -> Scene:
