@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import fields
 from importlib import import_module
+from inspect import signature
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,7 @@ from poseviewer.fit.progress import Status
 from poseviewer.opening.photo_sets import SetChoice
 from poseviewer.opening.sources import Sources
 from poseviewer.scene.settings import CHOICES, FitSettings, Limits
+from poseviewer.still.still_cameras import find_cameras
 
 PACKAGE = Path(poseviewer.__file__).parent
 COMPUTED = {*CHOICES, "image", "object_id", "photo", "model"}
@@ -56,6 +58,7 @@ def test_each_setting_in_a_sentence_has_a_word_in_the_library_on_the_line_and_on
     assert len(named) > 20
     of = (FitSettings, Limits, ConvertOptions, Calibration, MaskFile, SetChoice, Sources)
     in_library = {field.name for one in of for field in fields(one)}
+    in_library |= signature(find_cameras).parameters.keys()
     on_line = {option.name for own in OPTIONS.values() for group in own.values()
                for option in each(group) if option.flag.startswith("--")}  # fmt: skip
     assert named <= in_library

@@ -329,6 +329,9 @@ def _open_views(sources: Sources, views: Path | LoadedViews) -> Scene:
         raise SettingsError(f"{photo.name}: {found}; {wanted}.")
     _, record, of_camera = _match_start(photo, record)
     known = choice.scale or known_scale(loaded, mesh.unit)
+    if choice.scale is None and loaded.scale is None and loaded.unit and mesh.unit is None:
+        wanted = "if it is another, say with `scale` how many of its lengths are one of the set's"
+        notes += (f"{own.name} says no unit: the set's, {loaded.unit}, is taken; {wanted}.",)
     scale = known or scale_of_views(loaded.views, first, mesh, record.pose, loaded.name)
     order = (first, *(i for i in range(len(loaded.views)) if i != first))
     ordered = tuple(loaded.views[i] for i in order)

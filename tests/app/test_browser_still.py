@@ -63,6 +63,9 @@ def test_a_film_of_a_table_becomes_a_data_set(page: AppPage, tmp_path: Path):
     # Undo brings the sequence back, and the views again.
     page.page.keyboard.press("z")
     page.until(lambda: said(page).startswith("frame 1 "))
+    page.page.get_by_role("button", name="it stands still").click()
+    assert page.page.get_by_label("Markers' side").first.input_value() == f"{MARKER}"
+    page.page.get_by_role("button", name="Close").click()
     page.page.keyboard.press("y")
     page.until(lambda: said(page).startswith("photo 1 "))
     # Another thing is placed in another photo, once for all.

@@ -109,7 +109,6 @@ def test_what_cannot_be_is_refused_in_a_sentence(pictures, tmp_path, capsys):
     assert "--object" in refused(pictures, "--object", "a")
     assert "--unit yd: wanted one of km, m" in refused(pictures, "--unit", "yd")
     assert "without the markers' size" in refused(pictures, "--unit", "m")
-    assert "markers with features" in refused(pictures, "--by", "features", "--marker-size", 1)
     grid = {"tagCols": 6, "tagRows": 6, "tagSize": 0.08, "tagSpacing": 0.3}
     board = write(tmp_path / "grid.json", grid)
     assert "with features" in refused(pictures, "--by", "features", "--board", board)

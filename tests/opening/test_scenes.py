@@ -24,7 +24,7 @@ from poseviewer.opening.sources import Sources
 from poseviewer.scene.settings import FitSettings, Limits
 from poseviewer.scene.types import ChartParameters, InView, Scene, SearchResult
 from tests.several import IDS, make_three
-from tests.view_sets import DISTANCE, NAMES, TRUTH, make_views, write_views
+from tests.view_sets import DISTANCE, NAMES, TRUTH, make_views, write_set, write_views
 from tests.writing import edit
 
 
@@ -164,6 +164,15 @@ def test_an_unknown_scale_is_told_by_where_the_cameras_look(tmp_path):
     assert 1.0 / found.objects[0].world_from_model.scale == pytest.approx(2.5, rel=0.05)
     known = open_views(make_views(2.5, None), model, TRUTH[0], view="a.png", scale=2.5)
     assert (known.objects[0].world_from_model.scale, known.free_scale) == (1.0 / 2.5, False)
+
+
+def test_a_model_without_a_unit_is_taken_in_the_sets_and_that_is_said(tmp_path):
+    _, model, start = write_views(tmp_path)
+    views = write_set(tmp_path, unit="mm")
+    scene = open_views(views, model, start)
+    assert scene.objects[0].world_from_model.scale == 1.0
+    assert [note for note in scene.notes if "m.ply says no unit: the set's, mm, is taken" in note]
+    assert not [n for n in open_views(views, model, start, scale=2.0).notes if "no unit" in n]
 
 
 def test_a_set_that_was_fitted_is_opened_again(tmp_path):

@@ -133,6 +133,7 @@ class Page:
         self._working: list[viser.NotificationHandle] = []
         self._said: dict[tuple[int, str], viser.NotificationHandle] = {}
         self._question: Any = None
+        self._side, self._unit = 0.0, "m"  # of markers, as it was last said
         self._offer: viser.GuiFolderHandle | None = None
         server.on_client_disconnect(lambda _: self._tell_maps())
         for subscribe in (server.on_client_connect, server.on_client_disconnect):
@@ -341,13 +342,16 @@ class Page:
         with tab.gui.add_modal("It stands still") as modal:
             tab.gui.add_markdown(STILL_TEXT)
             # A dropdown that comes first would open, as the dialog does.
-            side = tab.gui.add_number("Markers' side", 0.0, min=0.0, step=0.0001, hint=SIDE_HINT)
-            unit = tab.gui.add_dropdown("in", tuple(METRES), initial_value="m")
+            side = tab.gui.add_number(
+                "Markers' side", self._side, min=0.0, step=0.0001, hint=SIDE_HINT
+            )
+            unit = tab.gui.add_dropdown("in", tuple(METRES), initial_value=self._unit)
             way = tab.gui.add_dropdown("Cameras by", tuple(ways))
 
             def find(_: viser.GuiEvent) -> None:
                 close_modal(modal)
                 by = ways[way.value]
+                self._side, self._unit = side.value, unit.value
                 has_size = side.value > 0.0 and by != "object"
                 known = {"marker_size": side.value, "unit": unit.value} if has_size else {}
                 self._post(find_still_cameras(StillChoice(by, **known)))
