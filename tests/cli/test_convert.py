@@ -11,17 +11,29 @@ import trimesh
 from PIL import Image
 
 from poseviewer.api import load
+from poseviewer.files.formats.bop import BopObject
 from poseviewer.files.photo import load_photo
 from poseviewer.files.pose import load_pose
 from poseviewer.files.scene_assets import model_file
 from poseviewer.files.scene_json import load_scene, save_scene
 from poseviewer.geometry.camera import Perspective
+from poseviewer.opening.scenes import open_scene
+from poseviewer.opening.sources import Sources
 from poseviewer.scene.types import SceneObject
 from tests.commands import refusal, run
 from tests.files.formats.cases import HEIGHT, WIDTH
 from tests.schemas import load_valid
-from tests.several import IDS, MESHES, STARTS, make_bop
-from tests.view_sets import TRUTH, write_two
+from tests.several import IDS, MESHES, STARTS, make_bop, save_model, write_bop_scene
+from tests.view_sets import (
+    BOX,
+    BOX_TRUTH,
+    CAMERA,
+    CAMERAS_FROM_SET,
+    MESH,
+    NAMES,
+    TRUTH,
+    write_two,
+)
 
 
 def test_there_and_back(folder, capsys):
@@ -202,3 +214,37 @@ def test_nothing_is_written_where_bop_lacks_an_objects_number(tmp_path: Path, ca
     line = "convert", tmp_path / "ball.scene.json", out, "--from", "scene", "--to", "bop"
     assert "--object ball=NUMBER" in refusal(capsys, *line, "--unit", "mm")
     assert not out.exists()
+
+
+def test_a_bop_scene_that_stands_still_becomes_one_scene(tmp_path: Path, capsys) -> None:
+    write_two(tmp_path)
+    bop, models = tmp_path / "bop", tmp_path / "models"
+    places = {n: (TRUTH[n].camera_from_model, BOX_TRUTH[n].camera_from_model) for n in range(3)}
+    objects = {n: [BopObject(i + 1, own) for i, own in enumerate(places[n])] for n in places}
+    photos = {number: tmp_path / name for number, name in enumerate(NAMES)}
+    write_bop_scene(bop, CAMERA, photos, objects, dict(enumerate(CAMERAS_FROM_SET)))
+    models.mkdir()
+    for number, mesh in ((1, MESH), (2, BOX)):
+        save_model(models / f"obj_{number:06d}.ply", mesh)
+    out = tmp_path / "whole.scene.json"
+    line = "convert", bop, out, "--from", "bop", "--to", "scene", "--model", models
+    assert run(*line) == 0
+    found = open_scene(Sources(scene=out))
+    assert [item.id for item in found.objects] == ["1", "2"]
+    assert [item.model.name for item in found.objects] == ["obj_000001.ply", "obj_000002.ply"]
+    assert (found.unit, found.free_scale, len(found.views)) == ("mm", False, 3)
+    for number, poses in places.items():
+        for index, pose in enumerate(poses):
+            there = found.pose(index, number).camera_from_model
+            np.testing.assert_allclose(there.rotation, pose.rotation, atol=1e-9)
+            np.testing.assert_allclose(there.translation, pose.translation, atol=1e-9)
+    # One image alone, as before; what moved is no such scene.
+    assert run(*line[:2], tmp_path / "one.json", *line[3:], "--image", 1) == 0
+    assert len(load_scene(tmp_path / "one.json").views) == 1
+    objects[2][1] = BopObject(2, replace(places[2][1], translation=1.1 * places[2][1].translation))
+    shutil.rmtree(bop)
+    write_bop_scene(bop, CAMERA, photos, objects, dict(enumerate(CAMERAS_FROM_SET)))
+    capsys.readouterr()
+    said = refusal(capsys, *line, "--overwrite")
+    assert "object 2 stands elsewhere in image 2" in said
+    assert "--image" in said

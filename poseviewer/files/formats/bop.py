@@ -25,7 +25,7 @@ from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.camera import Camera, Perspective, Pose
 from poseviewer.geometry.lens import opencv_matrix
 from poseviewer.geometry.transform import RigidTransform, Similarity
-from poseviewer.scene.types import Scene, SceneObject
+from poseviewer.scene.types import Scene, SceneObject, View
 
 MAX_DIGITS = 18
 """Length of an image's number: what 64 bits hold."""
@@ -42,6 +42,8 @@ PHOTO_FOLDERS = ("gray", "rgb")
 """Folders of a scene's photos; of both, the second counts."""
 PHOTO_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 MODEL_FILE = "obj_{:06d}.ply"
+MOVED = 0.02
+"""Distance of an object's places in two images, by that from the camera, from which it moved."""
 SAME = 1e-9
 """Relative and absolute: files round cameras in their last digit."""
 
@@ -125,33 +127,83 @@ def write_bop(scene: Scene, out: Path, options: c.ConvertOptions, *_: Any) -> c.
 
 
 def read_bop(path: Path, request: c.ConvertOptions) -> Scene:
-    """Read the objects of an image; ``request.model`` may be the folder of their models."""
-    file, asked = InputFile(path / POSES), request.object_id
+    """Read the objects of an image, or of all images of a scene that says its world;
+    ``request.model`` may be the folder of their models.
+    """
+    file = InputFile(path / POSES)
     stem = Path(request.image or "").stem
     images = load_bop_images(path, True, file.warnings)
     posed = [(f"{item.number}", item) for item in images if item.objects]
     by_number = replace(request, image=str(int(stem)) if stem.isdecimal() else request.image)
     if file.warnings and by_number.image not in (None, *dict(posed)):
         raise PoseFileError(file.warnings[0])
-    image, unit = by_number.the_one(file, "images", posed), request.unit or UNIT
+    is_whole = request.image is request.photo is None and len(posed) > 1
+    if is_whole and all(image.camera_from_world for _, image in posed):
+        return _read_whole(file, [image for _, image in posed], request)
+    image = by_number.the_one(file, "images", posed)
     view = view_of_file(request.photo or path / image.photo, image.camera)
     view = request.with_size(InputFile(path / CAMERAS), view)
-    factor = c.metres_per_unit(UNIT) / c.metres_per_unit(unit)
-    folder = request.model if request.model and request.model.is_dir() else Path()
-    counts, objects = Counter[int](), []
-    for item in image.objects:
-        number = item.object_id
-        if asked in (None, number):
-            counts[number] += 1
-            name = f"{number}-{counts[number]}" if counts[number] > 1 else f"{number}"
-            model = model_file(model_path(folder, number), unit=unit)
-            place = item.camera_from_model
-            place = replace(place, translation=place.translation * factor)
-            objects.append(SceneObject(id=name, model=model, world_from_model=Similarity(place)))
+    objects = _objects_in(image, RigidTransform.identity(), request)
     if not objects:
-        found = f"image {image.number} has no pose of object {asked}"
+        found = f"image {image.number} has no pose of object {request.object_id}"
         raise file.error(found, "choose another with `object_id`")
     return Scene(views=(view,), objects=tuple(objects), notes=tuple(file.warnings))
+
+
+def _read_whole(file: InputFile, images: Sequence[BopImage], request: c.ConvertOptions) -> Scene:
+    """Read a scene that stands still: each object is where the first image has it."""
+    folder, farthest = file.path.parent, 0.0
+    views, objects = list[View](), dict[str, SceneObject]()
+    for image in images:
+        assert image.camera_from_world is not None
+        place = _in_unit(image.camera_from_world, request)
+        view = view_of_file(folder / image.photo, image.camera, camera_from_world=place)
+        views.append(request.with_size(InputFile(folder / CAMERAS), view))
+        for item in _objects_in(image, place, request):
+            first = objects.setdefault(item.id, item).world_from_model.rigid.translation
+            here = item.world_from_model.rigid.translation
+            depth = float(np.linalg.norm(place.apply(first)))
+            off = float(np.linalg.norm(here - first)) / depth
+            if off > MOVED:
+                found = (
+                    f"object {item.id} stands elsewhere in image {image.number}, by {off:.0%} of"
+                )
+                raise file.error(f"{found} its distance", "choose one image with `image`")
+            farthest = max(farthest, off)
+    if not objects:
+        raise file.error(
+            f"no pose of object {request.object_id}", "choose another with `object_id`"
+        )
+    if farthest > SAME:
+        said = f"poses of other images are up to {farthest:.2%} of the distance beside these"
+        file.warnings.append(f"Objects are where the first image has them; {said}.")
+    unit = request.unit or UNIT
+    return Scene(
+        views=tuple(views), objects=tuple(objects.values()), unit=unit, notes=tuple(file.warnings)
+    )
+
+
+def _objects_in(
+    image: BopImage, camera_from_world: RigidTransform, request: c.ConvertOptions
+) -> list[SceneObject]:
+    """Return the objects of an image that are asked for, in a world."""
+    folder = request.model if request.model and request.model.is_dir() else Path()
+    counts, objects, back = Counter[int](), list[SceneObject](), camera_from_world.inverse()
+    for item in image.objects:
+        number = item.object_id
+        if request.object_id in (None, number):
+            counts[number] += 1
+            name = f"{number}-{counts[number]}" if counts[number] > 1 else f"{number}"
+            model = model_file(model_path(folder, number), unit=request.unit or UNIT)
+            place = Similarity(back @ _in_unit(item.camera_from_model, request))
+            objects.append(SceneObject(id=name, model=model, world_from_model=place))
+    return objects
+
+
+def _in_unit(place: RigidTransform, request: c.ConvertOptions) -> RigidTransform:
+    """Return a pose of BOP in the unit that is asked for."""
+    factor = c.metres_per_unit(UNIT) / c.metres_per_unit(request.unit or UNIT)
+    return replace(place, translation=place.translation * factor)
 
 
 def model_path(folder: Path, number: int) -> Path:
