@@ -58,6 +58,7 @@ def test_five_steps_lead_through_the_demo(page: AppPage):
     page.page.get_by_role("button", name="Undo (Z)").wait_for(state="hidden")
 
 
+@pytest.mark.long
 def test_loss_and_search_are_two_choices(page: AppPage, demo: AppProcess):
     def choose(label: str, option: str) -> None:
         page.page.get_by_label(label, exact=True).click()

@@ -268,6 +268,7 @@ def test_a_narrow_window_leaves_its_room_to_the_photo(page: AppPage) -> None:
     maps.wait_for()
 
 
+@pytest.mark.long
 def test_the_tab_survives_a_reload(browser: Browser, running: RunningApp) -> None:
     with AppPage(browser, running.url) as tab:
         tab.open_step(4)

@@ -201,6 +201,7 @@ def test_many_notes_leave_the_photo_free_and_no_sentence_names_a_flag(
     back_to_the_scene(page)
 
 
+@pytest.mark.long
 def test_what_would_replace_a_pose_that_is_not_saved_asks(
     page: AppPage, scene: Scene, tmp_path: Path
 ):

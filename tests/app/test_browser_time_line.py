@@ -133,6 +133,7 @@ def test_arrows_move_the_model_with_alt_alone(tab: AppPage):
     tab.until(lambda: key_frames() == 1)
 
 
+@pytest.mark.long
 def test_while_poses_are_propagated_keys_leave_the_model_and_progress_is_said(tab: AppPage):
     tab.page.keyboard.press("ArrowUp")
     tab.until(lambda: shown(tab, 0))

@@ -240,6 +240,7 @@ def test_what_is_no_number_and_what_is_taken_back_leave_the_old_one(page: Typist
     assert page.session.document is page.begun
 
 
+@pytest.mark.long
 def test_what_is_taken_back_soon_after_a_field_was_left_stays_in_the_page(page: Typist) -> None:
     """The page holds it back longer than viser does, also where it was left just before."""
     page.tab.open_step(2)

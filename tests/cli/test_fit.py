@@ -88,6 +88,7 @@ def test_a_set_is_fitted_and_its_file_says_the_pose_in_the_set(folder, capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_without_opengl_only_its_own_option_fails(folder):
     """EGL without any driver, which is what a machine without Mesa has."""
     blind = {"PYOPENGL_PLATFORM": "egl", "__EGL_VENDOR_LIBRARY_DIRS": str(folder)}

@@ -103,6 +103,7 @@ def test_a_chain_that_was_cut_off_goes_on_after_its_last_line(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_frame_that_vanishes_costs_no_pose_of_another(tmp_path, monkeypatch, capsys):
     keys = {index: [ball(index)] for index in (0, 2)}
     path, out = write_sequence(tmp_path, sequence(keys, count=4)), tmp_path / "out"

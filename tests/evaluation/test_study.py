@@ -50,6 +50,7 @@ def test_there_is_a_row_for_every_trial_and_a_report(study):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_study_that_was_cut_off_goes_on_also_in_processes(model, study, tmp_path, capsys):
     for name in ("trials.csv", "study.json"):
         shutil.copy(study / name, tmp_path)

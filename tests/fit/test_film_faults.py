@@ -88,12 +88,8 @@ def roll_shutter(_: int, pixels: Pixels) -> Pixels:
     return np.asarray(cv2.warpAffine(pixels, shear, (width, height)), np.uint8)
 
 
-LONG = (
-    pytest.param(one, marks=pytest.mark.long) for one in (switch_light, put_specks, roll_shutter)
-)
-
-
-@pytest.mark.parametrize("change", [blur, *LONG])
+@pytest.mark.long
+@pytest.mark.parametrize("change", [blur, switch_light, put_specks, roll_shutter])
 def test_a_right_track_goes_on(change: Callable[[int, Pixels], Pixels]):
     steps, ends = run(film(change))
     assert [step.note for step in steps if step.note] == []
@@ -161,6 +157,7 @@ def hold_board(index: int, pixels: Pixels) -> Pixels:
     return pixels
 
 
+@pytest.mark.long
 def test_what_is_in_front_is_left_out():
     steps, ends = run(film(hold_board))
     assert max(error for error, _ in ends.values()) < 2.0
@@ -176,6 +173,7 @@ def make_noisy(index: int, pixels: Pixels) -> Pixels:
     return np.clip(pixels + noise, 0, 255).astype(np.uint8)
 
 
+@pytest.mark.long
 def test_a_printed_thing_whose_points_tell_its_pose_takes_few_evaluations(monkeypatch):
     asked = []
 

@@ -74,6 +74,7 @@ def changed(before: Scene, after: Scene) -> list[int]:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_only_wrong_frames_beside_the_key_change():
     before = keyed(moved(propagated(), [2, 3, 4, 5]))
     steps, after = mended(before)

@@ -111,6 +111,7 @@ def test_motions_are_those_that_the_search_was_free_in(lock):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_what_a_search_may_not_turn_is_not_turned():
     problem = locked(fitted_from(TRUTH), "rotation_x", "rotation_y", "rotation_z")
     with probing(problem) as probe:

@@ -48,6 +48,7 @@ def own() -> Iterator[str]:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_command_line_fits_by_it(scene, own, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(scene.photo.parent)
     out = tmp_path / "pose.json"
@@ -124,6 +125,7 @@ def test_maps_show_it_alone_and_beside_the_others(scene, own):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_comparison_has_its_end_beside_the_others(scene, own):
     document = open_files(scene.photo, scene.model, scene.start)
     few = FitSettings(limits=Limits(100))

@@ -50,6 +50,7 @@ def box_about(scene: Scene) -> Rectangle:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_right_pose_is_among_five_that_differ(scene: Scene):
     asked = wanted(scene, box_about(scene))
     found = propose(asked)

@@ -306,6 +306,7 @@ def test_a_model_that_is_found_is_placed_in_one_step(edits):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_fit_that_is_not_sure_or_not_asked_for_any_more_places_nothing(edits):
     session, (listing, fitting) = edits
     document, asked, latest, index = fitting.arguments

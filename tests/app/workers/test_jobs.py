@@ -130,6 +130,7 @@ def test_a_search_ends_where_a_fit_ends(document, renderer):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_search_and_its_maps_are_by_the_renderer_of_the_settings(document, monkeypatch):
     require_gpu(monkeypatch)
     judged, moments_at = list[int](), GpuRenderer.moments_at

@@ -85,6 +85,7 @@ print(*(sum(kernel.stats.cache_misses.values()) for kernel in kernels))
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_what_is_compiled_ahead_is_what_evaluations_need(tmp_path: Path):
     """With the arguments' types that they come with; the tests' session has compiled them."""
     package = str(Path(poseviewer.__file__).parents[1])
