@@ -83,6 +83,8 @@ def test_the_command_line_leaves_out_hides_and_says_what_there_is(scene, halves,
     assert "nothing would be left of the model" in capsys.readouterr().err
 
 
+@pytest.mark.slow
+@pytest.mark.long
 def test_a_mask_hides_unless_the_command_line_says_that_nothing_does(scene, mask, tmp_path):
     out, losses = tmp_path / "out.pose.json", []
     line = ("fit", scene.photo, scene.model, "--pose", scene.start, "--out", out, "--quiet")

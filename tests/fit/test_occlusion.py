@@ -197,6 +197,8 @@ def test_what_is_painted_hides_unless_the_user_says_that_nothing_does(painted_ov
     assert masked["find"] == masked["painted"] > masked["nothing"]
 
 
+@pytest.mark.slow
+@pytest.mark.long
 def test_a_black_photo_is_searched_without_a_warning(scene, tmp_path):
     save_image(tmp_path / "black.png", np.zeros((120, 160, 3), np.uint8))
     end = load(tmp_path / "black.png", scene.model, scene.start).fit()

@@ -93,6 +93,8 @@ def test_light_is_divided_out():
     np.testing.assert_allclose(hue, np.array([0.8, 0.5, 0.3]) / 0.5333, rtol=0.05)
 
 
+@pytest.mark.slow
+@pytest.mark.long
 def test_photos_from_more_sides_paint_more_whatever_their_exposure():
     poses = [pose_at(turn) for turn in (0.6, 1.9, 3.2, 4.5)]
     one = paint_mesh(BARE, [photo_of(PRINTED, poses[0])])
@@ -104,6 +106,8 @@ def test_photos_from_more_sides_paint_more_whatever_their_exposure():
     assert_shows_the_print(every, 0.85)
 
 
+@pytest.mark.slow
+@pytest.mark.long
 def test_a_hand_in_one_of_three_photos_paints_nothing():
     poses = [pose_at(turn) for turn in (0.5, 0.6, 0.7)]
     photos = [photo_of(PRINTED, pose) for pose in poses]

@@ -55,6 +55,8 @@ def test_several_photos_tell_the_principal_points_of_their_cameras() -> None:
     assert 0.0 < 320 * own <= 1.001 * joint.deviations["principal_px"] < 40.0
 
 
+@pytest.mark.slow
+@pytest.mark.long
 def test_a_scene_file_keeps_the_principal_point(tmp_path: Path) -> None:
     views, model, start = write_views(tmp_path)
     end = load(views, model, start, FREE).fit(evaluations=60)

@@ -124,6 +124,8 @@ def test_a_plate_that_lacks_a_corner_is_not_found_on_a_whole_one(tmp_path):
     assert words == ["found", "doubtful"]
 
 
+@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("depth", [0.8, 1.2])
 def test_proportions_that_the_photo_does_not_tell_are_named(tmp_path, depth: float):
     """A box seen straight on shows one side, whatever its depth."""

@@ -100,6 +100,8 @@ def test_a_fit_from_a_start_that_is_far_off_ends_right(scene: Scene, monkeypatch
     assert pose_error(mesh, alone.pose, truth).percent > 10.0
 
 
+@pytest.mark.slow
+@pytest.mark.long
 def test_what_is_like_the_object_elsewhere_is_not_proposed(scene: Scene):
     loaded = api.load(scene.photo, scene.model, scene.start)
     corners, start = outermost_points(loaded.object.mesh), loaded.pose

@@ -51,6 +51,8 @@ def test_the_depth_of_a_box_is_told_by_features():
     assert depth_by_matches(views, 2, BOX) == pytest.approx(DEPTH, rel=0.06)  # the wall is slanted
 
 
+@pytest.mark.slow
+@pytest.mark.long
 def test_no_depth_is_told_without_print_or_parallax():
     assert depth_by_matches(make_views(200.0), 0, BOX) is None
     views = make_views(2.0)

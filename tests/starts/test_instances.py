@@ -64,6 +64,8 @@ def test_a_row_of_a_batch_needs_no_box(two: Path):
     assert off(pose) < 2.0
 
 
+@pytest.mark.slow
+@pytest.mark.long
 def test_lost_instances_are_hidden_beside_others(tmp_path: Path, capsys):
     end = api.load(make_three(tmp_path)).fit(evaluations=20)
     words = [Verdict(word, 0.5) for word in ("found", "lost", "doubtful")]

@@ -67,6 +67,8 @@ def test_paint_is_kept_where_parts_are_not_others():
     assert other.object.drawn_mesh is MESH
 
 
+@pytest.mark.slow
+@pytest.mark.long
 def test_a_sequence_is_propagated_with_the_paint_of_its_key():
     session = after(painted(keyed()), edit_frames("to end"))
     assert session.propagation is not None
