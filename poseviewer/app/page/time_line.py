@@ -163,7 +163,8 @@ def _loss_of_view(session: Session, index: int) -> str:
         return "not compared"
     if session.is_searching or not item.is_placed or losses is None or not losses.by_view:
         return ""
-    if session.document.stepped and losses.at_pose != session.at_pose:
+    is_before = losses.at_pose != session.at_pose or index != session.document.view_index
+    if session.document.stepped and is_before:
         return ""  # of the photo before
     result = losses.by_view.get(index)
     return "not seen" if result is None else f"{result.scale.as_shown(result.loss):.3f}"

@@ -107,6 +107,10 @@ def test_loss_and_maps_are_those_of_the_shown_photo(session: Session):
     reader = LossReader(SoftwareRenderer(session.document.mesh))
     first = reader.read(session)
     assert list(first.by_view) == [0]
+    # The photo that is read next is named before it is there.
+    stepping = time_line(with_losses(after(session, step_frame(7)), first))
+    assert NAMES[7] in stepping
+    assert "not seen" not in stepping
     session = shown(after(session, step_frame(7)))
     second = reader.read(session)
     assert list(second.by_view) == [7]
