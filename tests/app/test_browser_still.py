@@ -57,6 +57,8 @@ def test_a_film_of_a_table_becomes_a_data_set(page: AppPage, tmp_path: Path):
     page.page.get_by_role("button", name="it stands still").click()
     page.page.get_by_label("Markers' side").first.fill(f"{MARKER}")
     page.page.get_by_label("Markers' side").first.blur()
+    page.page.get_by_label("Cameras by").first.click()
+    page.page.get_by_role("option", name="markers (ArUco, AprilTag)").click()
     page.page.get_by_role("button", name="Find the cameras").click()
     page.wait_for_text(f"{COUNT} of {COUNT} pictures have cameras, by markers")
     page.until(lambda: said(page).startswith(f"photo 1 of {COUNT} · 0000.png"))
@@ -65,6 +67,7 @@ def test_a_film_of_a_table_becomes_a_data_set(page: AppPage, tmp_path: Path):
     page.until(lambda: said(page).startswith("frame 1 "))
     page.page.get_by_role("button", name="it stands still").click()
     assert page.page.get_by_label("Markers' side").first.input_value() == f"{MARKER}"
+    assert page.page.get_by_label("Cameras by").first.input_value() == "markers (ArUco, AprilTag)"
     page.page.get_by_role("button", name="Close").click()
     page.page.keyboard.press("y")
     page.until(lambda: said(page).startswith("photo 1 "))

@@ -59,7 +59,9 @@ PANELS_S = 0.1
 MAPS_S = 0.2
 """Least time between two updates of the maps, which are larger."""
 NOTICE_S = 6.0
-"""Seconds after which a notice goes: it lies over the photo."""
+"""Seconds after which a notice of few words goes: it lies over the photo."""
+READING_S = 0.05
+"""Seconds by which a notice stays longer for each letter: people read some 20 a second."""
 MAX_NUMBER = 10**15
 """Largest number of an image or object that a field takes: browsers hold such numbers exactly."""
 STILL_WAYS = {
@@ -133,7 +135,7 @@ class Page:
         self._working: list[viser.NotificationHandle] = []
         self._said: dict[tuple[int, str], viser.NotificationHandle] = {}
         self._question: Any = None
-        self._side, self._unit = 0.0, "m"  # of markers, as it was last said
+        self._side, self._unit, self._way = 0.0, "m", ""  # of markers, as was last said
         self._offer: viser.GuiFolderHandle | None = None
         server.on_client_disconnect(lambda _: self._tell_maps())
         for subscribe in (server.on_client_connect, server.on_client_disconnect):
@@ -218,7 +220,9 @@ class Page:
         It goes soon, so that the photo is free again; the step Open keeps the notes on files.
         """
         if texts:
-            self._notify(title, "\n".join(dict.fromkeys(texts)), None, "cyan", NOTICE_S)
+            text = "\n".join(dict.fromkeys(texts))
+            seconds = max(NOTICE_S, READING_S * len(text))
+            self._notify(title, text, None, "cyan", seconds)
 
     def _notify(
         self, title: str, text: str, client: int | None, colour: str, seconds: float
@@ -346,12 +350,13 @@ class Page:
                 "Markers' side", self._side, min=0.0, step=0.0001, hint=SIDE_HINT
             )
             unit = tab.gui.add_dropdown("in", tuple(METRES), initial_value=self._unit)
-            way = tab.gui.add_dropdown("Cameras by", tuple(ways))
+            last = self._way if self._way in ways else None
+            way = tab.gui.add_dropdown("Cameras by", tuple(ways), initial_value=last)
 
             def find(_: viser.GuiEvent) -> None:
                 close_modal(modal)
                 by = ways[way.value]
-                self._side, self._unit = side.value, unit.value
+                self._side, self._unit, self._way = side.value, unit.value, way.value
                 has_size = side.value > 0.0 and by != "object"
                 known = {"marker_size": side.value, "unit": unit.value} if has_size else {}
                 self._post(find_still_cameras(StillChoice(by, **known)))

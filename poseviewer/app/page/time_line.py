@@ -46,8 +46,8 @@ STILL = (
     "Nothing moves but the camera: find where it stood in each frame; then each object is placed "
     "once for all",
 )
-LEAVE_OUT = "leave out", "Do not compare this photo with the model"
-TAKE_IN = "compare", "Compare this photo with the model again"
+LEAVE_OUT = "leave out", "Do not compare the chosen object with this photo in the next search"
+TAKE_IN = "compare", "Compare the chosen object with this photo again in the next search"
 WHOSE = "Whose poses go to start and to end: press to choose all objects, or the picked one alone"
 
 

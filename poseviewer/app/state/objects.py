@@ -159,9 +159,10 @@ def compare_view(session: Session, view_index: int, on: bool) -> Session:
         return session
     if not on and sum(compared) == 1:
         raise SettingsError("one photo at least is compared: switch another one on first")
-    # The result was by other photos.
     changed = document.with_view(view_index).with_in_view(is_compared=on)
-    return session.with_document(changed.with_object(result=None).with_view(document.view_index))
+    if not document.scene.has_many_views:  # of many, each has been looked at by itself
+        changed = changed.with_object(result=None)
+    return session.with_document(changed.with_view(document.view_index))
 
 
 def symmetry_text(item: SceneObject) -> str:

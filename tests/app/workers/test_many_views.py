@@ -136,8 +136,12 @@ def test_the_time_line_has_the_verdicts_of_the_views_that_a_search_compared(sess
     for label, view in (("found", 5), ("doubtful", 2), ("lost", 9)):
         assert f'class="pv-{label}" d="M{view} 0H{view + 1}V1' in drawn
     assert f"of {COUNT} · {NAMES[2]}" in drawn
-    left = after(session, compare_view(4, False))
+    left = after(found, compare_view(4, False))
     assert 'class="pv-off" d="M4 0H5' in time_line(left)
+    assert 'class="pv-found" d="M5 0H6' in time_line(left)
+    without = after(left, compare_view(5, False))
+    assert 'class="pv-off" d="M4 0H6' in time_line(without)
+    assert without.document.object.result == result
     assert "not compared" in time_line(shown(after(left, step_frame(4))))
     assert len(time_line(left)) < 1500
 
