@@ -233,6 +233,15 @@ def summarise_questions(rows: Sequence[Row]) -> str:
     return f"{len(asking)} of {len(rows)} rows, as row {first.job.row}: {first.result.question}"
 
 
+def summarise_failures(rows: Sequence[Row]) -> str:
+    """Return why the first of the failed rows did, and how many others; or nothing."""
+    failed = [row for row in rows if row.result.failed]
+    if not failed:
+        return ""
+    others = f" ({len(failed) - 1} others: see the table)" if len(failed) > 1 else ""
+    return f"row {failed[0].job.row}: {failed[0].result.reason}{others}"
+
+
 @contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
     """Lock the folder of results.

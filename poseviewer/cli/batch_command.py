@@ -55,6 +55,7 @@ def run_rows(options: Namespace, is_audit: bool = False) -> int:
     from poseviewer.batch.result_folder import (
         REPORT,
         TABLE,
+        summarise_failures,
         summarise_findings,
         summarise_questions,
     )
@@ -74,6 +75,8 @@ def run_rows(options: Namespace, is_audit: bool = False) -> int:
     failed = sum(row.result.failed for row in rows)
     more = "; stopped, run it again to go on" if stopped else ""
     say(f"{len(rows) - failed} of {count} rows fitted, {failed} failed{more}")
+    if why := summarise_failures(rows):
+        say(why)
     if is_audit:
         for line in (summarise_findings(rows), *name_doubted(batch, rows)):
             say(line)

@@ -87,7 +87,9 @@ def test_rows_are_fitted_and_bad_ones_fail_with_their_reason(scene, tmp_path, ca
     out = tmp_path / "out"
     assert run("batch", table, "--out", out, "--processes", 2, "--quiet") == 2
     printed = capsys.readouterr()
-    assert "2 of 5 rows fitted, 3 failed" in printed.out
+    assert "2 of 5 rows fitted, 3 failed\nrow 3: " in printed.out
+    assert "gone.png: no such file" in printed.out
+    assert "(2 others: see the table)" in printed.out
     assert printed.err == ""
     results = read_rows(out / "results.csv")
     assert [row["row"] for row in results] == ["1", "2", "3", "4", "5"]
