@@ -59,7 +59,7 @@ BESIDE = 4
 """Chosen pictures nearest in order, by whose points another is placed."""
 MIN_INLIERS = 20
 """Points that place a picture at least."""
-MISFIT = 0.85
+MISFIT = 0.93
 """Residual by a camera that is found, in that by the given one, from which this does not fit: by
 right ones both are alike to 2 %."""
 MAX_ERROR_PX = 4.0

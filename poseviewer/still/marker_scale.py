@@ -70,7 +70,8 @@ def scale_by_markers(
            for number, is_other in zip(sides, other, strict=True) if is_other]  # fmt: skip
     if odd:
         said = f"markers of another side than most: {list_names(odd)}"
-        notes.append(f"{said}; the given size is taken for most.")
+        alike = "if all are printed alike, the cameras are off where they are seen"
+        notes.append(f"{said}; the given size is taken for most; {alike}.")
     longer = marker_size / usual
     placed = {
         index: replace(own, camera_from_world=_longer(own.camera_from_world, longer))
