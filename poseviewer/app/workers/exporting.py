@@ -172,7 +172,8 @@ def _convert(
     document, scene = session.document, as_saved(scene_to_save(session))
     of_all = what not in FORMATS or FORMATS[what].several_objects
     stem, kind = _export_stem(document, document.view_index, of_all), OF_FRAMES.get(what)
-    stem = stem if kind is None else stem_of(document, 0, of_sequence=True)
+    is_of_many = scene.has_many_views and what in FORMATS and FORMATS[what].several_of_both
+    stem = stem_of(document, 0, of_sequence=True) if kind or is_of_many else stem
     from poseviewer.figures.object_maps import (  # numba takes a quarter of a second
         pictures_of_objects,
         save_pictures,

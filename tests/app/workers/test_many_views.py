@@ -189,7 +189,8 @@ def test_bop_has_every_object_in_every_photo_and_is_read_again(session, tmp_path
     numbers = ConvertOptions(object_ids=(3, 8)[: 1 + several])
     files = export("bop", session, numbers=numbers, tell=lambda *of: drawn.append(of))
     assert drawn[-1] == (COUNT, COUNT)
-    ((_, data),) = files.items()
+    ((name, data),) = files.items()
+    assert NAMES[0].partition(".")[0] not in name  # it is of all photos: named after their folder
     ZipFile(BytesIO(data)).extractall(tmp_path)
     folder = next(tmp_path.rglob("scene_gt.json")).parent
     scene, meshes = session.document.scene, (BALL, BOX)[: 1 + several]
