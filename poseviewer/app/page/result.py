@@ -91,6 +91,8 @@ def result_html(session: Session) -> str:
     name, unit = label_of(document.object), document.model.unit or "the model's unit"
     if deviations and source == "assumed":
         unit += f"; all ± hold if {numbers['focal']:,.0f} px is right"
+    elif deviations and len(document.scene.views) > 1:
+        unit += "; ± hold if the cameras are right"
     head = h.b[name], f" as the camera sees it, in {unit}"
     whole = head, h.table[rows], h.div["Copy as", buttons]
     return as_html(h.div(".pv-result", title=ABOUT)[whole])

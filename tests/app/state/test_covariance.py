@@ -38,6 +38,7 @@ def test_the_verdict_says_how_sure_the_pose_is(session: Session) -> None:
     assert sure is not None
     rest = sure.words(without=("depth", "sideways"))
     assert "line of sight" not in rest
+    assert "cameras" not in result_html(session)
     said, numbers = verdict_text(session), deviations_of(session)
     axes = ", ".join(f"{name} ±{short(numbers[name])} units" for name in "XYZ")
     assert f"How sure, if right:** {axes}, {rest}" in said
@@ -80,6 +81,7 @@ def test_another_view_turns_and_shifts_it() -> None:
     sure = there.covariance_in(1)
     assert sure is not None
     assert sure.px > 0.0
+    assert "± hold if the cameras are right" in result_html(there)
     random = np.random.default_rng(0)
     moved = []
     for deviation in random.multivariate_normal(np.zeros(7), here, 400):
