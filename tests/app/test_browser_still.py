@@ -69,6 +69,7 @@ def test_a_film_of_a_table_becomes_a_data_set(page: AppPage, tmp_path: Path):
     assert page.page.get_by_label("Markers' side").first.input_value() == f"{MARKER}"
     assert page.page.get_by_label("Cameras by").first.input_value() == "markers (ArUco, AprilTag)"
     page.page.get_by_role("button", name="Close").click()
+    page.until(lambda: not page.page.get_by_label("Markers' side").count())
     page.page.keyboard.press("y")
     page.until(lambda: said(page).startswith("photo 1 "))
     # Another thing is placed in another photo, once for all.
