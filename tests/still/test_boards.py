@@ -12,7 +12,18 @@ from poseviewer.files.marker_board import load_board
 from poseviewer.geometry.camera import Perspective
 from poseviewer.still.pictures import Placement
 from poseviewer.still.still_cameras import find_cameras, place_pictures
-from tests.still_scene import CAMERA, MARKER, MARKERS, PLACES, Solid, arc, marker, write_pictures
+from tests.still_scene import (
+    CAMERA,
+    MARKER,
+    MARKERS,
+    PLACES,
+    Solid,
+    arc,
+    errors,
+    marker,
+    sheet,
+    write_pictures,
+)
 from tests.writing import write
 
 LARGE = CAMERA.rescale(2.0)
@@ -144,3 +155,22 @@ def test_a_board_goes_with_no_features_and_no_size_of_its_own(tmp_path):
         next(iter(find_cameras(paths, "features", board=board)))
     with pytest.raises(SettingsError, match="board that says it"):
         next(iter(find_cameras(paths, marker_size=0.1, board=board)))
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_a_charuco_board_needs_no_layout(tmp_path):
+    squares, square, side, cameras = (7, 5), 0.06, 0.045, arc(6)
+    family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_250)
+    drawn = cv2.aruco.CharucoBoard(squares, square, side, family).generateImage((560, 400))
+    print_ = np.repeat(np.pad(drawn, 40, constant_values=255)[..., None], 3, axis=2)
+    right, up = np.diag([*(0.5 * square * (np.array(squares) + 1.0)), 0.0])[:2]
+    board: Solid = (sheet((0.0, -0.05, 0.001), right, up, print_),)
+    paths = write_pictures(tmp_path / "c", cameras, (board,), boxes=(), camera=LARGE)
+    given = paths, "auto", None, side, tmp_path
+    found = place_pictures(lambda _: None, *given).placement  # pyright: ignore[reportArgumentType]
+    places = [found.placed[index].camera_from_world for index in range(len(cameras))]
+    degrees, percent = errors(places, cameras, 1.0)
+    assert degrees < 0.1
+    assert percent < 0.2
+    assert not found.notes
