@@ -222,7 +222,8 @@ def test_a_bop_scene_that_stands_still_becomes_one_scene(tmp_path: Path, capsys)
     places = {n: (TRUTH[n].camera_from_model, BOX_TRUTH[n].camera_from_model) for n in range(3)}
     objects = {n: [BopObject(i + 1, own) for i, own in enumerate(places[n])] for n in places}
     photos = {number: tmp_path / name for number, name in enumerate(NAMES)}
-    write_bop_scene(bop, CAMERA, photos, objects, dict(enumerate(CAMERAS_FROM_SET)))
+    seen = {0: objects[0], 2: objects[2]}  # in the second image the scene has no poses
+    write_bop_scene(bop, CAMERA, photos, seen, dict(enumerate(CAMERAS_FROM_SET)))
     models.mkdir()
     for number, mesh in ((1, MESH), (2, BOX)):
         save_model(models / f"obj_{number:06d}.ply", mesh)
@@ -239,7 +240,7 @@ def test_a_bop_scene_that_stands_still_becomes_one_scene(tmp_path: Path, capsys)
             np.testing.assert_allclose(there.rotation, pose.rotation, atol=1e-9)
             np.testing.assert_allclose(there.translation, pose.translation, atol=1e-9)
     # One image alone, as before; what moved is no such scene.
-    assert run(*line[:2], tmp_path / "one.json", *line[3:], "--image", 1) == 0
+    assert run(*line[:2], tmp_path / "one.json", *line[3:], "--image", 2) == 0
     assert len(load_scene(tmp_path / "one.json").views) == 1
     objects[2][1] = BopObject(2, replace(places[2][1], translation=1.1 * places[2][1].translation))
     shutil.rmtree(bop)

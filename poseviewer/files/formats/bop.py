@@ -138,8 +138,8 @@ def read_bop(path: Path, request: c.ConvertOptions) -> Scene:
     if file.warnings and by_number.image not in (None, *dict(posed)):
         raise PoseFileError(file.warnings[0])
     is_whole = request.image is request.photo is None and len(posed) > 1
-    if is_whole and all(image.camera_from_world for _, image in posed):
-        return _read_whole(file, [image for _, image in posed], request)
+    if is_whole and all(image.camera_from_world for image in images):
+        return _read_whole(file, images, request)
     image = by_number.the_one(file, "images", posed)
     view = view_of_file(request.photo or path / image.photo, image.camera)
     view = request.with_size(InputFile(path / CAMERAS), view)
