@@ -162,7 +162,7 @@ def _read_whole(file: InputFile, images: Sequence[BopImage], request: c.ConvertO
         for item in _objects_in(image, place, request):
             first = objects.setdefault(item.id, item).world_from_model.rigid.translation
             here = item.world_from_model.rigid.translation
-            depth = float(np.linalg.norm(place.apply(first)))
+            depth = max(float(np.linalg.norm(place.apply(first))), SAME)
             off = float(np.linalg.norm(here - first)) / depth
             if off > MOVED:
                 found = (
