@@ -76,15 +76,12 @@ def survey(
         view_indices: indices of the views.
         probed: features of the pose by some views together, for the losses of poses elsewhere.
         renderer: renderer of the object.
-        threads: number of threads, which look at a photo each.
+        threads: number of threads, which look at a photo each, unless a GPU renders.
     """
 
-    def look(own: Renderer, index: int) -> SurveyedView | None:
+    def look(own: Renderer, index: int) -> SurveyedView:
         one = _alone(scene, object_index, index)
-        try:
-            problem, pose = make_problem(one, object_index)[0], one.pose(object_index)
-        except PoseViewerError:  # hidden there by others, or the photo cannot be read
-            return None
+        problem, pose = make_problem(one, object_index)[0], one.pose(object_index)
         loss, covariance = pose_loss(problem, own, problem.start), None
         with closing(Probe(problem, own, pose)) as probe:
             features, _ = gather_features(probe, probed)
@@ -94,8 +91,17 @@ def survey(
                 covariance = find_covariance(probe, features.seen, is_at_minimum=True)
         return SurveyedView(index, loss, problem.scale, judge(features), covariance)
 
+    def look_or_none(own: Renderer, index: int) -> SurveyedView | None:
+        with suppress(PoseViewerError):  # hidden there by others, or the photo cannot be read
+            return look(own, index)
+        return None
+
+    if renderer.callers:  # a GPU takes the poses of one photo at once
+        looks = (look_or_none(renderer, index) for index in view_indices)
+        yield from filter(None, looks)
+        return
     with RendererPool(renderer, threads) as pool:  # photos, not their poses, are shared out
-        yield from filter(None, pool.map(look, view_indices, at_a_time=1))
+        yield from filter(None, pool.map(look_or_none, view_indices, at_a_time=1))
 
 
 def _alone(scene: Scene, object_index: int, view_index: int) -> Scene:

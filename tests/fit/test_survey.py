@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from poseviewer.confidence.verdict import Features
+from poseviewer.errors import PhotoFileError
 from poseviewer.fit import judge as judging
 from poseviewer.fit import search as searching
 from poseviewer.fit import view_choice
@@ -23,9 +24,11 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.image import Photo
 from poseviewer.geometry.transform import RigidTransform, Similarity
 from poseviewer.optimise.protocol import State
+from poseviewer.render.gpu.gpu_renderer import GpuRenderer
 from poseviewer.render.software.software_renderer import SoftwareRenderer
 from poseviewer.scene.assets import ModelFile, PhotoFile
 from poseviewer.scene.types import InView, PlacedModel, Scene, SceneObject, View
+from tests.renderers import require_gpu
 from tests.several import lit_models
 from tests.view_sets import CAMERA, DISTANCE, LIGHTS, MESH, SET_FROM_MODEL, camera_from_set
 
@@ -80,6 +83,38 @@ def errors_px(scene: Scene) -> list[float]:
 
 def look(scene: Scene) -> list[SurveyedView]:
     return [*survey(scene, 0, range(COUNT), PROBED, SoftwareRenderer(MESH))]
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_a_gpu_looks_at_one_photo_after_the_other(monkeypatch):
+    require_gpu(monkeypatch)
+    scene, read = make_scene(), list[int]()
+
+    def counting(index: int, file: PhotoFile) -> PhotoFile:
+        def load() -> Photo:
+            read.append(index)
+            return file.read()
+
+        return replace(file, read=load)
+
+    views = [replace(v, file=counting(i, v.file)) for i, v in enumerate(scene.views)]
+    looks = survey(replace(scene, views=tuple(views)), 0, range(2), PROBED, GpuRenderer(MESH))
+    for number, one in enumerate(looks):
+        assert one.view_index == number
+        assert {*read} == {*range(number + 1)}
+
+
+def test_a_photo_that_cannot_be_read_is_passed_over():
+    def fail() -> Photo:
+        raise PhotoFileError("gone.png: no such file")
+
+    scene = make_scene()
+    views = list(scene.views)
+    views[1] = replace(views[1], file=replace(views[1].file, read=fail))
+    scene = replace(scene, views=tuple(views))
+    looks = survey(scene, 0, range(3), PROBED, SoftwareRenderer(MESH), 2)
+    assert [one.view_index for one in looks] == [0, 2]
 
 
 def test_views_are_chosen_from_all_sides():
