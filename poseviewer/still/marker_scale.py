@@ -4,7 +4,7 @@ than where cameras stood.
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,7 +14,7 @@ import numpy as np
 from poseviewer.errors import list_names
 from poseviewer.geometry.arrays import FloatArray
 from poseviewer.geometry.transform import RigidTransform
-from poseviewer.still.markers import detector_of, is_of_other_size, module_share, refine_corners
+from poseviewer.still.markers import detector_of, find_markers, is_of_other_size
 from poseviewer.still.pictures import Pictures, Placed, Placement, Tell
 
 MAX_READ = 40
@@ -90,15 +90,11 @@ def _seen(path: Path, own: Placed, family: str) -> dict[int, _Rays]:
     grey = pictures.read(0)
     if grey is None:
         return {}
-    corners, ids, _ = detector.detectMarkers(grey)
-    numbers = [int(number) for number in np.ravel(ids)] if ids is not None else []
-    count, back, found = Counter(numbers), own.camera_from_world.inverse(), dict[int, _Rays]()
-    for number, four in zip(numbers, corners, strict=True):
-        if count[number] == 1:
-            refined = refine_corners(grey, four[0].astype(float), module_share(detector))
-            flat = own.camera.rays(pictures.straighten(refined)) @ back.rotation.T
-            along = flat / np.linalg.norm(flat, axis=1, keepdims=True)
-            found[number] = _Rays(back.translation, along)
+    back, found = own.camera_from_world.inverse(), dict[int, _Rays]()
+    for number, corners in find_markers(grey, detector)[0].items():
+        flat = own.camera.rays(pictures.straighten(corners)) @ back.rotation.T
+        along = flat / np.linalg.norm(flat, axis=1, keepdims=True)
+        found[number] = _Rays(back.translation, along)
     return found
 
 

@@ -177,10 +177,26 @@ def detector_of(family: str, border: int = 0) -> cv2.aruco.ArucoDetector:
     return detector
 
 
-def module_share(detector: cv2.aruco.ArucoDetector) -> float:
-    """Return the width of the black border in the side of the markers that a detector looks for."""
+def find_markers(
+    grey: Grey, detector: cv2.aruco.ArucoDetector
+) -> tuple[dict[int, FloatArray], list[int]]:
+    """Find the markers of a picture (height, width).
+
+    Returns:
+        Corners (4, 2) of each, OpenCV's pixels, by its number, and the numbers that are there more
+        than once, whose markers are left out.
+    """
+    corners, ids, _ = detector.detectMarkers(grey)
+    numbers = [int(number) for number in np.ravel(ids)] if ids is not None else []
     border = detector.getDetectorParameters().markerBorderBits
-    return 1.0 / (detector.getDictionary().markerSize + 2 * border)
+    share = 1.0 / (detector.getDictionary().markerSize + 2 * border)
+    count = Counter(numbers)
+    found = {
+        number: refine_corners(grey, own[0].astype(float), share)
+        for number, own in zip(numbers, corners, strict=True)
+        if count[number] == 1
+    }
+    return found, [number for number in count if count[number] > 1]
 
 
 def _detector_of_board(paths: Sequence[Path], family: str) -> cv2.aruco.ArucoDetector:
@@ -214,22 +230,15 @@ def place_by_markers(
     found = dict[int, dict[int, FloatArray]]()
     twice = dict[int, list[str]]()
     detector = _detector_of_board(paths, family) if board.places else detector_of(family)
-    share = module_share(detector)
     for index, path in enumerate(paths):
         tell(f"markers {index + 1} of {len(paths)}")
         grey = pictures.read(index)
         if grey is None:
             continue
-        corners, ids, _ = detector.detectMarkers(grey)
-        numbers = [int(number) for number in np.ravel(ids)] if ids is not None else []
-        count = Counter(numbers)
-        for number in (one for one in count if count[one] > 1):
+        corners, repeated = find_markers(grey, detector)
+        for number in repeated:
             twice.setdefault(number, []).append(path.name)
-        found[index] = {
-            number: pictures.straighten(refine_corners(grey, own[0].astype(float), share))
-            for number, own in zip(numbers, corners, strict=True)
-            if count[number] == 1
-        }
+        found[index] = {number: pictures.straighten(own) for number, own in corners.items()}
         if not found[index]:
             pictures.left_out[index] = f"no marker of {family} in it"
             del found[index]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -137,6 +138,8 @@ def find_cameras(
     if len(paths) < MIN_PICTURES:
         count = f"{len(paths)} picture{'' if len(paths) == 1 else 's'}"
         raise SettingsError(f"{count}; wanted two or more of one scene.")
+    if marker_size is not None and not 0.0 < marker_size < math.inf:
+        raise SettingsError(f"a size of markers of {marker_size:g}; wanted a number above 0.")
     if unit is not None and marker_size is None:
         raise SettingsError("a unit without the markers' size, which it is of; give both.")
     if board.places and by == "features":

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from poseviewer.errors import SettingsError
 from poseviewer.files.photo import save_image
 from poseviewer.files.pose import PoseRecord, save_pose
 from poseviewer.files.scene_json import load_scene
@@ -14,6 +15,7 @@ from poseviewer.geometry.camera import Pose
 from poseviewer.geometry.lens import Lens
 from poseviewer.geometry.transform import RigidTransform
 from poseviewer.opening.photo_sets import load_views
+from poseviewer.still.still_cameras import find_cameras
 from tests.commands import refusal, run
 from tests.lenses import write_camera
 from tests.meshes import make_box
@@ -109,6 +111,8 @@ def test_what_cannot_be_is_refused_in_a_sentence(pictures, tmp_path, capsys):
     assert "--object" in refused(pictures, "--object", "a")
     assert "--unit yd: wanted one of km, m" in refused(pictures, "--unit", "yd")
     assert "without the markers' size" in refused(pictures, "--unit", "m")
+    with pytest.raises(SettingsError, match="wanted a number above 0"):
+        next(iter(find_cameras([pictures, pictures], marker_size=float("nan"))))
     grid = {"tagCols": 6, "tagRows": 6, "tagSize": 0.08, "tagSpacing": 0.3}
     board = write(tmp_path / "grid.json", grid)
     assert "with features" in refused(pictures, "--by", "features", "--board", board)
