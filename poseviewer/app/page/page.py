@@ -61,7 +61,7 @@ MAPS_S = 0.2
 NOTICE_S = 6.0
 """Seconds after which a notice of few words goes: it lies over the photo."""
 READING_S = 0.05
-"""Seconds by which a notice stays longer for each letter: people read some 20 a second."""
+"""Seconds for each letter that a notice stays at least: people read some 20 a second."""
 MAX_NUMBER = 10**15
 """Largest number of an image or object that a field takes: browsers hold such numbers exactly."""
 STILL_WAYS = {
