@@ -239,9 +239,17 @@ def test_a_bop_scene_that_stands_still_becomes_one_scene(tmp_path: Path, capsys)
             there = found.pose(index, number).camera_from_model
             np.testing.assert_allclose(there.rotation, pose.rotation, atol=1e-9)
             np.testing.assert_allclose(there.translation, pose.translation, atol=1e-9)
+    assert "Objects are where" not in capsys.readouterr().out
     # One image alone, as before; what moved is no such scene.
     assert run(*line[:2], tmp_path / "one.json", *line[3:], "--image", 2) == 0
     assert len(load_scene(tmp_path / "one.json").views) == 1
+    turned = replace(places[2][1], rotation=places[2][1].rotation @ np.diag([-1.0, -1.0, 1.0]))
+    shutil.rmtree(bop)
+    seen[2] = [objects[2][0], BopObject(2, turned)]
+    write_bop_scene(bop, CAMERA, photos, seen, dict(enumerate(CAMERAS_FROM_SET)))
+    capsys.readouterr()
+    assert run(*line, "--overwrite") == 0
+    assert "turned by up to 180.0 degrees" in capsys.readouterr().out
     objects[2][1] = BopObject(2, replace(places[2][1], translation=1.1 * places[2][1].translation))
     shutil.rmtree(bop)
     write_bop_scene(bop, CAMERA, photos, objects, dict(enumerate(CAMERAS_FROM_SET)))

@@ -24,7 +24,7 @@ from poseviewer.files.structs import check_camera
 from poseviewer.files.writing import make_folder, write_whole
 from poseviewer.geometry.camera import Camera, Perspective, Pose
 from poseviewer.geometry.lens import opencv_matrix
-from poseviewer.geometry.transform import RigidTransform, Similarity
+from poseviewer.geometry.transform import RigidTransform, Similarity, rotation_angle
 from poseviewer.scene.types import Scene, SceneObject, View
 
 MAX_DIGITS = 18
@@ -48,6 +48,8 @@ SAME = 1e-9
 """Relative and absolute: files round cameras in their last digit."""
 
 SceneFile = dict[str, Any]
+SAME_DEG = 1e-4
+"""Angle of poses that are the same: an arc cosine loses half of the digits."""
 ObjectNumber: Any = Annotated[int, Meta(ge=0)]
 """BOP counts from 1, others from 0."""
 
@@ -152,7 +154,7 @@ def read_bop(path: Path, request: c.ConvertOptions) -> Scene:
 
 def _read_whole(file: InputFile, images: Sequence[BopImage], request: c.ConvertOptions) -> Scene:
     """Read a scene that stands still: each object is where the first image has it."""
-    folder, farthest = file.path.parent, 0.0
+    folder, farthest, most = file.path.parent, 0.0, 0.0
     views, objects = list[View](), dict[str, SceneObject]()
     for image in images:
         assert image.camera_from_world is not None
@@ -160,22 +162,24 @@ def _read_whole(file: InputFile, images: Sequence[BopImage], request: c.ConvertO
         view = view_of_file(folder / image.photo, image.camera, camera_from_world=place)
         views.append(request.with_size(InputFile(folder / CAMERAS), view))
         for item in _objects_in(image, place, request):
-            first = objects.setdefault(item.id, item).world_from_model.rigid.translation
-            here = item.world_from_model.rigid.translation
-            depth = max(float(np.linalg.norm(place.apply(first))), SAME)
-            off = float(np.linalg.norm(here - first)) / depth
+            first = objects.setdefault(item.id, item).world_from_model.rigid
+            here = item.world_from_model.rigid
+            depth = max(float(np.linalg.norm(place.apply(first.translation))), SAME)
+            off = float(np.linalg.norm(here.translation - first.translation)) / depth
             if off > MOVED:
                 found = (
                     f"object {item.id} stands elsewhere in image {image.number}, by {off:.0%} of"
                 )
                 raise file.error(f"{found} its distance", "choose one image with `image`")
             farthest = max(farthest, off)
+            most = max(most, float(np.degrees(rotation_angle(here.rotation, first.rotation))))
     if not objects:
         raise file.error(
             f"no pose of object {request.object_id}", "choose another with `object_id`"
         )
-    if farthest > SAME:
+    if farthest > SAME or most > SAME_DEG:
         said = f"poses of other images are up to {farthest:.2%} of the distance beside these"
+        said += f", and turned by up to {most:.1f} degrees"
         file.warnings.append(f"Objects are where the first image has them; {said}.")
     unit = request.unit or UNIT
     return Scene(
